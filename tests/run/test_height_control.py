@@ -109,3 +109,25 @@ def test_a_run_that_goes_on_with_a_part_takes_over_its_last_check():
     third = control()
     third.go_on_from(second.records)
     assert third.volume_factor == again.volume_factor
+
+
+def test_copies_deposited_one_after_the_other_are_checked_each_by_itself():
+    """Three parts of six layers: after 4, 8 and 16 layers one is under way, after 12 none is."""
+    z_mm = [3.0 + LAYER_MM * n for n in range(6)] * 3
+    manifest = SimpleNamespace(
+        totals={"height_check_every": 4},
+        layers=[SimpleNamespace(z_mm=z, first_line=100 * n) for n, z in enumerate(z_mm)])
+    heights = HeightControl.of_job(manifest, Journal())
+    boundaries = [heights.next_boundary(layer) for layer in (0, 4, 8, 16)]
+    assert [b and b.layers for b in boundaries] == [4, 8, 16, None]
+    assert [heights.planned_mm(layers) for layers in (0, 4, 6, 8, 16)] == pytest.approx(
+        [0.0, 3.2, 4.8, 1.6, 3.2])
+    growth = 0.98
+    heights.on_boundary(boundaries[0])
+    heights.enter(3.2 * growth)
+    assert heights.volume_factor == pytest.approx((4.8 - 3.2 * growth) / (1.6 * growth))
+    factor = heights.volume_factor
+    heights.on_boundary(boundaries[1])
+    heights.enter(1.6 * growth * factor)  # of the second part, in two layers
+    assert heights.volume_factor == pytest.approx(
+        (4.8 - 1.6 * growth * factor) / (3.2 * growth), rel=1e-6)

@@ -67,17 +67,38 @@ class HeightControl:
             self._record("earlier run", last["planned_mm"], last["at_limit"])
 
     def planned_mm(self, layers: int) -> float:
-        """Planned height of the part after so many layers, above what it stands on."""
-        if layers == 0:
+        """Planned height of the part under way after so many layers, above what it stands on."""
+        begun = self._layers_before_part(layers)
+        if layers == begun:
             return 0.0
-        return self._layers[layers - 1].z_mm - self._layers[0].z_mm + self._layer_mm
+        return self._layers[layers - 1].z_mm - self._layers[begun].z_mm + self._layer_mm
+
+    def _layers_before_part(self, layers: int) -> int:
+        """Layers of the job before the part whose layer was the last of so many.
+
+        Copies of a part that are deposited one after the other begin below where the one before
+        ends.
+        """
+        for number in range(layers - 1, 0, -1):
+            if self._layers[number].z_mm < self._layers[number - 1].z_mm:
+                return number
+        return 0
+
+    def _layers_to_end_of_part(self, layers: int) -> int:
+        """Layers of the job when the part under way is finished."""
+        for number in range(layers, len(self._layers)):
+            if self._layers[number].z_mm < self._layers[number - 1].z_mm:
+                return number
+        return len(self._layers)
 
     def next_boundary(self, layer: int) -> HeightBoundary | None:
         """Where a run that enters layer `layer`, from 0, is held next; None where it is not."""
         layers = (layer // self.every + 1) * self.every
-        if layers >= len(self._layers):  # nothing is left to correct
-            return None
-        return HeightBoundary(layers, self._layers[layers].first_line)
+        while layers < len(self._layers):
+            if self._layers_to_end_of_part(layers) > layers:  # else nothing is left to correct
+                return HeightBoundary(layers, self._layers[layers].first_line)
+            layers += self.every
+        return None
 
     def on_boundary(self, boundary: HeightBoundary) -> None:
         """The run has come to a boundary, and is about to be held."""
@@ -127,10 +148,13 @@ class HeightControl:
     def _factor_for(self, layers: int, height_mm: float) -> float:
         """Scale with which the next check would find the planned height, by the growth so far."""
         planned_mm = self.planned_mm(layers)
-        grown_mm = height_mm - self._checked_mm
-        growth = grown_mm / (planned_mm - self.planned_mm(self._checked_layers))
+        before_layers, before_mm = self._checked_layers, self._checked_mm
+        if before_layers <= self._layers_before_part(layers):  # the first check of this part
+            before_layers, before_mm = self._layers_before_part(layers), 0.0
+        before_planned_mm = self.planned_mm(before_layers) if before_mm else 0.0
+        growth = (height_mm - before_mm) / (planned_mm - before_planned_mm)
         per_volume = max(growth / self.volume_factor, 1e-3)
-        until = min(layers + self.every, len(self._layers))
+        until = min(layers + self.every, self._layers_to_end_of_part(layers))
         needed_mm = self.planned_mm(until) - height_mm
         return needed_mm / (per_volume * (self.planned_mm(until) - planned_mm))
 
