@@ -36,6 +36,8 @@ class JobLayers:
         self.problem = self._job.problem
         manifest = self._job.manifest
         self._first_lines = [] if manifest is None else [e.first_line for e in manifest.layers]
+        self._designed = {} if manifest is None else {
+            one.layer: [round(share, 4) for share in one.designed] for one in manifest.mixtures}
         self.materials = () if manifest is None else manifest.materials
         if manifest is not None:
             self._reader = JobReader(path).__enter__()
@@ -62,6 +64,13 @@ class JobLayers:
         if layer.lines["kind"][row] != LineKind.BEAD:
             return None
         return [round(float(one), 4) for one in layer.lines["fractions"][row]]
+
+    def designed_fractions(self, line: int) -> list[float] | None:
+        """Volume fractions (materials,) of the part file, the mean of the beads of a line's layer.
+
+        None where the layer has no beads, or the job does not state it.
+        """
+        return self._designed.get(bisect_right(self._first_lines, line) - 1)
 
     def layer_as_json(self, number: int) -> dict[str, Any]:
         """Tracks of a layer. number : from 1

@@ -32,7 +32,7 @@ MAX_VIEWERS = 100
 
 #: What an act of the live page may carry, besides what the control socket takes.
 _ACT_KEYS = frozenset({"act", "number", "seen_state"})
-_VALUE_KEYS = frozenset({"percent", "hopper", "lot", "mass_g"})
+_VALUE_KEYS = frozenset({"percent", "hopper", "lot", "mass_g", "height_mm"})
 
 _Handler = Callable[[Request], Awaitable[Any]]
 

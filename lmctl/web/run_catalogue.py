@@ -28,7 +28,8 @@ class RunCatalogue:
     def __init__(self, runs_dir: Path) -> None:
         self.runs_dir = runs_dir
         self._watches: dict[str, tuple[RunWatch, float]] = {}
-        self._ended: dict[str, dict[str, Any]] = {}
+        self._ended: dict[str, tuple[tuple[int, int], dict[str, Any]]] = {}
+        self._listed: tuple[float, list[dict[str, Any]]] | None = None
         self._looking: asyncio.Task[None] | None = None
 
     async def __aenter__(self) -> RunCatalogue:
@@ -69,18 +70,23 @@ class RunCatalogue:
 
     async def listed_runs(self) -> list[dict[str, Any]]:
         """The last runs of the folder, newest first, each in a row. Raises JournalError."""
-        return await asyncio.to_thread(self._listed_runs)
+        now_s = time.monotonic()
+        if self._listed is None or now_s - self._listed[0] > _LOOK_S:
+            self._listed = now_s, await asyncio.to_thread(self._listed_runs)
+        return self._listed[1]
 
     def _listed_runs(self) -> list[dict[str, Any]]:
         rows = []
         for name in run_names(self.runs_dir)[: -MAX_LISTED - 1 : -1]:
-            row = self._ended.get(name)
-            if row is None:
-                summary = run_summary(RunFolder(self.runs_dir / name))
-                row = asdict(summary)
-                if summary.machine_s is not None:  # sealed: it stays as it is
-                    self._ended[name] = row
-            rows.append(row)
+            folder = RunFolder(self.runs_dir / name)
+            as_it_is = _size_and_time(folder.journal)
+            known = self._ended.get(name)
+            if known is None or known[0] != as_it_is:
+                row = asdict(run_summary(folder))
+                known = as_it_is, row
+                if row["state"] != "running":  # a process that dies leaves the file as it is
+                    self._ended[name] = known
+            rows.append(known[1])
         return rows
 
     async def _begin(self, folder: RunFolder) -> RunWatch:
@@ -113,3 +119,12 @@ class RunCatalogue:
         with suppress(OSError):
             return [path.parent for path in self.runs_dir.glob(f"run-*/{SOCKET_NAME}")]
         return []
+
+
+def _size_and_time(path: Path) -> tuple[int, int]:
+    """Size and time of the last change of a file, zeros where there is none."""
+    try:
+        found = path.stat()
+    except OSError:
+        return 0, 0
+    return found.st_size, found.st_mtime_ns

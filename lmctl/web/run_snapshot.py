@@ -73,17 +73,21 @@ def ended_snapshot(
 
 
 def latest_mixture(
-    points: Mapping[str, list[Any]], materials: tuple[str, ...], now_s: float | None
+    points: Mapping[str, list[Any]], materials: tuple[str, ...],
+    designed: list[float] | None, now_s: float | None,
 ) -> dict[str, Any] | None:
     """The mixtures of the last point, None without one.
 
-    now_s : machine time of the run now, None where it is not known
-    returns : materials; planned, commanded, nozzle (volume fractions, None: no mixture); origins
+    designed : of the layer; now_s : machine time of the run now, None where it is not known
+    returns : materials; designed, planned, commanded, nozzle (volume fractions, None: no mixture);
+        origins
     """
     if not points.get("at_s") or "planned0" not in points:
         return None
     age_s = None if now_s is None else round(max(0.0, now_s - points["at_s"][-1]), 3)
-    found: dict[str, Any] = {"materials": list(materials), "origins": {}}
+    found: dict[str, Any] = {"materials": list(materials), "designed": designed, "origins": {
+        "designed": {"kind": "planned", "source": "the part file, mean of the layer's beads",
+                     "age_s": None}}}
     for name, (kind, source) in _MIXTURES.items():
         fractions = [points[f"{name}{at}"][-1] for at in range(len(materials))]
         found[name] = None if None in fractions else fractions

@@ -152,11 +152,11 @@ def squares(layers=2, per_layer=2, side_mm=4.0, speed_mm_s=10.0, start_mm=(10.0,
 
 
 def write_job(path, profile, layers=None, *, flow=None, mode="lead", peaks=None,
-              text="a part made for tests"):
+              text="a part made for tests", mixtures=()):
     """A job file for a profile; by default two layers of two squares at a steady flow.
 
     peaks : of power and flow, as the manifest's totals name them, and other totals; text : of the
-        part file in it
+        part file in it; mixtures : of its layers
     """
     small = build(layers or squares(), flow or [(0.0, (0.1, 0.1)), (1e6, (0.1, 0.1))], mode,
                   start_mm=profile.motion.purge_mm)
@@ -167,7 +167,7 @@ def write_job(path, profile, layers=None, *, flow=None, mode="lead", peaks=None,
     )
     manifest = replace(
         small.manifest, machine=profile.name, profile_digest=profile.planning_digest(),
-        part_sha256=part_digest(text), layers=(),
+        part_sha256=part_digest(text), layers=(), mixtures=mixtures,
         bounds_mm=bounds, totals={**small.manifest.totals, **(peaks or {})},
     )
     with JobWriter(path) as writer:

@@ -77,6 +77,21 @@ def test_the_mixture_at_the_nozzle_is_what_the_flows_make_of_it(ended_run):
     assert (planned == 0.5).all()
 
 
+def test_the_mixture_designed_is_the_layers_and_planned_the_lines(ended_run):
+    async def main():
+        watch = RunWatch(ended_run)
+        watch.start()
+        await watch.caught_up.wait()
+        found = watch.snapshot()["mixture"]
+        await watch.close()
+        return found
+
+    found = asyncio.run(main())
+    assert found["designed"] == [0.7, 0.3]
+    assert found["origins"]["designed"]["kind"] == "planned"
+    assert found["origins"]["nozzle"]["kind"] == "inferred"
+
+
 def test_a_page_opened_in_the_middle_of_a_run_infers_the_same_or_nothing(ended_run):
     header, *records = read_records(ended_run.journal)
     whole = points_of(ended_run, records, header)

@@ -10,7 +10,10 @@ const ALLOWED = {
   stop: ["connecting", "checking", "gas", "powder", "armed", "depositing", "holding", "held", "opening", "refilling",
     "weighing", "purging", "resuming", "finishing", "stopping", "tripped"],
 };
+// A height is asked for at a height check only; the run says so among what may come next.
+const awaitsHeight = (now) => now.next.some((one) => one.command.startsWith("lmctl height"));
 const TEXTS = {
+  height: ["Height of the part", "The height of the part above what it stands on. The powder of the next layers follows from it."],
   hold: ["Hold the run?", "The nozzle stops on its path, beam and powder off; the position is kept. The run can be resumed."],
   resume: ["Resume the run?", "Powder comes first, the hoses are purged off the part, then motion and beam return."],
   override: ["Change the override?", "Speed, beam and powder change together, in the next travel that powder can follow."],
@@ -70,7 +73,10 @@ export class Operator {
   update() {
     const state = this.now?.live && this.isLinked ? this.now.state : "";
     for (const button of $("acts").children) {
-      button.disabled = !this.seat || !ALLOWED[button.dataset.act].includes(state);
+      const { act } = button.dataset;
+      const isHeight = act === "height";
+      button.hidden = isHeight && !(state && awaitsHeight(this.now));
+      button.disabled = !this.seat || !(isHeight || ALLOWED[act].includes(state));
       button.title = this.seat ? (state ? "" : "no live run") : "take control first";
     }
     $("take-seat").hidden = Boolean(this.seat);
@@ -120,6 +126,7 @@ export class Operator {
   async act(act) {
     const seen = this.now.state, fields = [], [title, text] = TEXTS[act];
     if (act === "override") fields.push(["percent", "Per cent of the plan (50 to 200)", "number", this.now.override_percent]);
+    if (act === "height") fields.push(["height_mm", "Height in mm", "number", ""]);
     const values = await ask(title, text, fields, act === "resume" ? preview(this.now) : [],
       act === "hold");
     if (!values) return;
@@ -127,7 +134,8 @@ export class Operator {
     try {
       const now = await this.request("POST", `/api/runs/${this.now.run}/acts`, {
         act, seen_state: seen, number: Date.now(),
-        ...(act === "override" ? { percent: Math.round(Number(values.percent)) } : {}) });
+        ...(act === "override" ? { percent: Math.round(Number(values.percent)) } : {}),
+        ...(act === "height" ? { height_mm: Number(values.height_mm) } : {}) });
       this.say(`${act}: accepted, the run is ${now.state}`);
     } catch (error) {
       if (error.status === 403) this.setSeat(null);
@@ -157,7 +165,8 @@ function ask(title, text, fields, more = [], isUrgent = false) {
   $("confirm-text").replaceChildren(element("p", text), ...more);
   $("confirm-fields").replaceChildren(...fields.map(([name, label, type, value]) => {
     const box = element("label", label), input = element("input", null, { name, type, value, required: "" });
-    if (type === "number") { input.min = 50; input.max = 200; input.step = 1; }
+    if (name === "percent") { input.min = 50; input.max = 200; input.step = 1; }
+    if (name === "height_mm") { input.min = 0; input.step = "any"; }
     if (type === "text") input.maxLength = 80;
     box.append(input);
     return box;

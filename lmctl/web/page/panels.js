@@ -89,6 +89,7 @@ export function showValues(now, extraAgeS) {
     ["power", fixed(now.power_W, 0, "W"), now.origins.power_W],
     ["speed", fixed(now.speed_mm_s, 1, "mm/s"), now.origins.speed_mm_s],
     ["nozzle", now.position_mm ? `X ${x.toFixed(2)} Y ${y.toFixed(2)} Z ${z.toFixed(2)} mm` : "–", now.origins.position_mm],
+    ["mixture designed", mixture.designed ? `${text(mixture.designed)} (layer mean)` : "–", mixture.origins.designed],
     ["mixture planned", text(mixture.planned), mixture.origins.planned],
     ["mixture commanded", text(mixture.commanded), mixture.origins.commanded],
     ["mixture at nozzle", text(mixture.nozzle), mixture.origins.nozzle],
@@ -136,6 +137,8 @@ function describe(one) {
     case "fault": return `fault: ${one.what}`;
     case "override": return `override ${one.feed_percent} % (${one.source})`;
     case "refill": return `hopper ${one.hopper} refilled, lot ${one.lot}, ${one.mass_g} g`;
+    case "height": return one.height_mm == null ? `height after layer ${one.layers} not measured`
+      : `height after layer ${one.layers}: ${one.height_mm} mm, powder × ${one.volume_factor}`;
     case "entry": return `enters layer ${one.layer + 1} again; ${one.repeated_mm.toFixed(2)} mm deposited again`;
     case "place": return `deposition ended at line ${one.line} (${one.known})`;
     case "layer_opened": return `layer ${one.layer + 1} begins`;
