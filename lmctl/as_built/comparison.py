@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from lmctl.array_types import FloatArray, IndexArray
 from lmctl.as_built.believed_dilution import with_melted_below
 from lmctl.as_built.built_volume import BuiltVolume
+from lmctl.as_built.deposit_of_interest import around_part, over_substrate
 from lmctl.as_built.design_voxels import DesignVoxels, design_on_voxels
 from lmctl.as_built.figures import (
     TOLERANCES,
@@ -27,9 +28,11 @@ from lmctl.as_built.figures import (
 from lmctl.as_built.layer_heights import built_layers, layer_index_of_pieces
 from lmctl.as_built.work_offset import work_offset_mm
 from lmctl.errors import InputError
+from lmctl.part.copies import part_in_place
 
 if TYPE_CHECKING:
     from lmctl.job.reader import JobReader
+    from lmctl.part.copies import PartCopy
     from lmctl.part.part import Part
 
 #: Most voxels of a comparison: memory.
@@ -62,12 +65,20 @@ class AsBuiltComparison:
     error: FloatArray
 
 
-def compare_with_design(built: BuiltVolume, part: Part, job: JobReader) -> AsBuiltComparison:
+def compare_with_design(
+    built: BuiltVolume, part: Part, job: JobReader, copy: PartCopy | None = None
+) -> AsBuiltComparison:
     """Compare a build with the part of its job.
 
+    copy : that is compared, where there are several; None: the part alone
     Raises InputError where nothing of the part can be compared, or the grid would be too large.
     """
     offset = np.asarray(job.manifest.part_offset_mm) + work_offset_mm(built, job)
+    if copy is not None:
+        part = part_in_place(part, copy)
+        built = around_part(built, part, offset)
+    over = over_substrate(built, part, offset)
+    built, part = over.built, over.part
     first = built.first_plane
     plate_corner = np.array([*built.origin_mm[:2], built.plate_z_mm])
     volumes, corner = _on_common_grid(

@@ -20,19 +20,24 @@ def built_layers(built: BuiltVolume, job: JobReader, layer: IndexArray) -> tuple
     """Every layer with a path. layer : (n,) of the pieces.
 
     A pool always lies a little on its neighbour, so a surface met is compared with the one that the
-    first layer met, which was the plate. The last layer's is the height of the part there.
+    first layer met, which was the plate; of copies deposited one after the other each has its own.
+    The last layer's is the height of the part there.
     """
     path, layers = built.path, []
     met = {
         int(number): _mean(path.surface_mm[layer == number], path.beam_on_mm[layer == number])
         for number in np.unique(layer)
     }
+    lowest = job.manifest.layers[0].z_mm
+    first = next((n for n in sorted(met) if job.manifest.layers[n].z_mm <= lowest + 1e-6), None)
     for number in sorted(met):
         entry = job.manifest.layers[number]
         of_it = layer == number
         top: float | None = None
-        if number + 1 in met and 0 in met and job.manifest.layers[number + 1].z_mm > entry.z_mm:
-            top = met[number + 1] - met[0]
+        if first is not None and number + 1 in met and (
+            job.manifest.layers[number + 1].z_mm > entry.z_mm
+        ):
+            top = met[number + 1] - met[first]
         elif number == max(met) and built.built_by == "simulated":
             top = _height_under(built, of_it)
         layers.append(BuiltLayer(

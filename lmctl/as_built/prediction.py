@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 #: Edge of a voxel in the plane; pieces of path are as long at most, and voxels three to a layer.
 _VOXEL_MM = 0.25
 _PER_LAYER = 3
+#: Beads of a level layer are as high as it, up to this [mm].
+_LEVEL_MM = 0.01
 #: Time over which the reported pace is averaged. From one report to the next, 0.2 s later, it
 #: scatters by 24 % about a steady pace on the gear that ships; over this time by 3.5 %.
 _PACE_WINDOW_S = 2.0
@@ -71,7 +73,9 @@ def predicted_volume(job: JobReader, part: Part, records: Iterable[dict[str, Any
                          hint="choose a run that deposited something: `lmctl jobs` lists runs")
     layer_mm = _layer_height_mm(job)
     strips = replace(beads, width_mm=beads.width_mm * (1 - part.process.overlap))
-    return _strips(strips, volume, layer_mm, job.manifest.layers[0].z_mm - layer_mm,
+    # layers that follow a substrate come lower than the height they are known by
+    lowest_mm = min(job.manifest.layers[0].z_mm, float(beads.place_mm[:, 2].min()) + _LEVEL_MM)
+    return _strips(strips, volume, layer_mm, lowest_mm - layer_mm,
                    tuple(material.name for material in part.materials),
                    LevelDilution.of_job(job, part))
 

@@ -18,12 +18,13 @@ FORMS = (".txt", ".json", ".vti", *PICTURES)
 
 def report_as_built(
     run: str, runs_dir: Path, output: Path | None, layers: tuple[int, ...], data: Path | None,
-    *, as_json: bool,
+    copy: str | None, *, as_json: bool,
 ) -> None:
     """Print the comparison, or write it in the form that the ending of `output` names.
 
     output : a folder receives text, JSON, .vti and a picture of each layer
     layers : numbers, from 1, of the layers to draw; empty: the middle one
+    copy : of a job with copies, the one to compare; None: prints all of them
     Raises UsageError, and whatever the comparison raises.
     """
     is_folder = output is not None and (output.is_dir() or not output.suffix)
@@ -36,7 +37,18 @@ def report_as_built(
                          hint="-o FILE.png draws one layer, -o FOLDER as many as you name")
     if len(layers) > 1 and not is_folder:
         raise UsageError("one file holds the picture of one layer", hint="-o FOLDER takes several")
-    found, title, heights = compared_with_design(run, runs_dir, data, layers)
+    if output is None and copy is None and (names := copies_of_run(run, runs_dir)):
+        compared = {name: compared_with_design(run, runs_dir, data, layers, name)
+                    for name in names}
+        if as_json:
+            print_data(json.dumps({"copies": {
+                name: found.summary.as_json() for name, (found, _, _) in compared.items()}},
+                ensure_ascii=False, allow_nan=False))
+        else:
+            print_data("\n\n".join(_as_text(found, f"{title}, {name}")
+                                   for name, (found, title, _) in compared.items()))
+        return
+    found, title, heights = compared_with_design(run, runs_dir, data, layers, copy)
     if output is None:
         print_data(_as_json(found) if as_json else _as_text(found, title))
         return
@@ -51,8 +63,18 @@ def report_as_built(
                          where=str(error.strerror)) from None
 
 
+def copies_of_run(run: str, runs_dir: Path) -> list[str]:
+    """Names of the copies in a run's job; empty for a part alone."""
+    from lmctl.cli.log import find_journal
+    from lmctl.job.reader import JobReader
+    from lmctl.run.journal.run_folders import RunFolder
+
+    with JobReader(RunFolder(find_journal(run, runs_dir).parent).job) as job:
+        return [str(one["name"]) for one in job.manifest.totals.get("copies", [])]
+
+
 def compared_with_design(
-    run: str, runs_dir: Path, data: Path | None, layers: tuple[int, ...]
+    run: str, runs_dir: Path, data: Path | None, layers: tuple[int, ...], copy: str | None = None
 ) -> tuple[AsBuiltComparison, str, dict[int, float]]:
     """The comparison, its title, and the heights of the layers to draw in the part's own frame."""
     from lmctl.cli.log import find_journal
@@ -75,7 +97,7 @@ def compared_with_design(
             layer: entries[layer - 1].z_mm - layer_mm / 2 - job.manifest.part_offset_mm[2]
             for layer in wanted}
     try:
-        return as_built_of_run(journal, data), title, heights
+        return as_built_of_run(journal, data, copy), title, heights
     except (KeyError, TypeError, AttributeError):
         verified = verify_journal(journal)
         if verified.intact:  # it is what was written, so we do not understand ourselves

@@ -35,12 +35,14 @@ FORMS = (".html", ".pdf")
               ".pdf: as a part of the whole report.")
 @click.option("-l", "--layer", "layers", type=int, multiple=True,
               help="With --as-built: layer to draw, from 1; may be repeated [the middle one].")
+@click.option("--copy", help="With --as-built: of a job with copies, the one to compare [each].")
 @click.option("--data", type=click.Path(exists=True, file_okay=False, path_type=Path),
               help="With --as-built: folder of the part's data files [where the runs are, or .].")
 @click.option("--json", "as_json", is_flag=True, help="With --as-built: print one JSON object.")
 def report(
     run: str | None, runs_dir: Path, output: Path | None, stated: tuple[str, ...], as_csv: bool,
-    run_only: bool, as_built: bool, layers: tuple[int, ...], data: Path | None, as_json: bool,
+    run_only: bool, as_built: bool, layers: tuple[int, ...], copy: str | None,
+    data: Path | None, as_json: bool,
 ) -> None:
     """Write the report of the part that RUN worked on, over all its runs.
 
@@ -53,13 +55,13 @@ def report(
                              hint="`lmctl report run-0001 --as-built`")
         from lmctl.cli.as_built import report_as_built
 
-        report_as_built(run, runs_dir, output, layers, data, as_json=as_json)
+        report_as_built(run, runs_dir, output, layers, data, copy, as_json=as_json)
         return
     if as_built and (as_csv or as_json or run is None):
         raise UsageError("--as-built with .html or .pdf takes a run, and neither --csv nor --json",
                          hint="`lmctl report run-0001 --as-built -o report.html`")
-    if not as_built and (layers or data is not None or as_json):
-        raise UsageError("--layer, --data and --json belong to --as-built")
+    if not as_built and (layers or data is not None or as_json or copy is not None):
+        raise UsageError("--layer, --copy, --data and --json belong to --as-built")
     if run is None:
         if not as_csv:
             raise UsageError("of which run?",
@@ -81,7 +83,7 @@ def report(
         _put_text(part_report_as_csv(found), output)
         return
     target = output or Path(f"{found.record.runs[-1].run}-report.html")
-    built = _as_built_sections(run, runs_dir, data, layers) if as_built else ()
+    built = _as_built_sections(run, runs_dir, data, layers, copy) if as_built else ()
     _write(target, _rendered(found, target.suffix.lower(), built))
     print_data(str(target))
     _say_what_is_open(found)
@@ -109,12 +111,12 @@ def _part_report(
 
 
 def _as_built_sections(
-    run: str, runs_dir: Path, data: Path | None, layers: tuple[int, ...]
+    run: str, runs_dir: Path, data: Path | None, layers: tuple[int, ...], copy: str | None
 ) -> tuple[ReportSection, ...]:
     from lmctl.cli.as_built import compared_with_design
     from lmctl.report.job_report.as_built_sections import as_built_sections
 
-    comparison, _, heights_mm = compared_with_design(run, runs_dir, data, layers)
+    comparison, _, heights_mm = compared_with_design(run, runs_dir, data, layers, copy)
     return as_built_sections(comparison, heights_mm)
 
 

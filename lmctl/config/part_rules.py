@@ -115,8 +115,9 @@ def _substrate_findings(substrate: Any, bodies: set[str]) -> Iterator[Finding]:
 
 
 def _copy_findings(data: dict[str, Any]) -> Iterator[Finding]:
-    """Names that two copies have, and copies on what is not a level plate."""
+    """Names that two copies have, and what needs one part on a level plate."""
     copies = _list(data.get("copy"))
+    yield from _height_check_findings(data, copies)
     names = [one.get("name") if isinstance(one, dict) else None for one in copies]
     for number, name in enumerate(names, start=1):
         if name is not None and name in names[: number - 1]:
@@ -125,6 +126,19 @@ def _copy_findings(data: dict[str, Any]) -> Iterator[Finding]:
     if copies and isinstance(substrate, dict) and substrate.get("kind", "plate") != "plate":
         yield Finding("copy", "several copies stand on a level plate, and the substrate is a "
                       f"{substrate.get('kind')}")
+
+
+def _height_check_findings(data: dict[str, Any], copies: list[Any]) -> Iterator[Finding]:
+    """Heights are checked over a level plate, of layers that rise one after the other."""
+    process, substrate = data.get("process"), data.get("substrate")
+    if not isinstance(process, dict) or "height_check_every" not in process:
+        return
+    if copies and process.get("copy_order") == "part-by-part":
+        yield Finding("process.height_check_every", "layers of copies deposited part by part do "
+                      "not rise one after the other: deposit layer by layer, or leave it out")
+    if isinstance(substrate, dict) and substrate.get("kind", "plate") != "plate":
+        yield Finding("process.height_check_every", "heights are checked over a level plate, and "
+                      f"the substrate is a {substrate.get('kind')}: leave it out")
 
 
 def _material_findings(tables: list[dict[str, Any]]) -> Iterator[Finding]:

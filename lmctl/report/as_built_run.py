@@ -14,6 +14,7 @@ from lmctl.as_built.prediction import predicted_volume
 from lmctl.as_built.voxel_map_file import read_voxel_map
 from lmctl.errors import InputError, MissingFileError
 from lmctl.job.reader import JobReader
+from lmctl.part.copies import PartCopy
 from lmctl.part.load import part_from_text
 from lmctl.part.part import Part
 from lmctl.report.run_record import RunRecord, read_run
@@ -26,21 +27,38 @@ def as_built_summary(journal: Path, data_folder: Path | None = None) -> AsBuiltS
     return as_built_of_run(journal, data_folder).summary
 
 
-def as_built_of_run(journal: Path, data_folder: Path | None = None) -> AsBuiltComparison:
+def as_built_of_run(
+    journal: Path, data_folder: Path | None = None, copy: str | None = None
+) -> AsBuiltComparison:
     """Compare what a run built with its part.
 
     A simulated run that left a voxel map is compared by it; of any other run what it built is
     predicted from its journal by the model that its job believes, and marked so.
     data_folder : of the part's data files; None: the folder of the runs' folder, or the present one
+    copy : name of the one to compare, of a job with copies
     Raises MissingFileError, InputError, JobError, JournalError.
     """
     folder = RunFolder(journal.parent)
     with JobReader(folder.job) as job:
         part = _part_of(job, data_folder, folder)
         if folder.voxel_map.exists():
-            found = compare_with_design(read_voxel_map(folder.voxel_map), part, job)
+            found = compare_with_design(
+                read_voxel_map(folder.voxel_map), part, job, _copy_of(part, copy))
             return _weighed(found, read_run(journal))
-        return compare_with_design(predicted_volume(job, part, read_records(journal)), part, job)
+        return compare_with_design(predicted_volume(job, part, read_records(journal)), part, job,
+                                   _copy_of(part, copy))
+
+
+def _copy_of(part: Part, name: str | None) -> PartCopy | None:
+    """The copy of this name. Raises InputError where there is none, or none is named."""
+    found = next((copy for copy in part.copies if copy.name == name), None)
+    if (found is None) != (name is None and not part.copies):
+        names = ", ".join(copy.name for copy in part.copies)
+        raise InputError(
+            "the job has several copies" if name is None else f"the job has no copy {name!r}",
+            where=f"they are {names}" if names else "it is of one part",
+            hint="name one with --copy" if names else "leave --copy out")
+    return found
 
 
 def _part_of(job: JobReader, data_folder: Path | None, folder: RunFolder) -> Part:

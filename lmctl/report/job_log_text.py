@@ -66,6 +66,7 @@ def _head(part: PartRecord) -> str:
                      f"{header.get('planned_with', '')}"),
         ("plan", f"{header.get('layers', 0)} layers, {header.get('lines', 0):,} program lines, "
                  f"{format_duration(float(header.get('planned_s', 0.0)))}"),
+        ("copies", ", ".join(map(str, header.get("copies", [])))),
         *((f"hopper {hopper['name']}", _hopper(hopper)) for hopper in header.get("hoppers", [])),
         ("calibration", calibration_text(header.get("calibration") or {})),
         ("mixture", str(header.get("mixture", ""))),

@@ -217,3 +217,20 @@ def test_gaps_between_hulls_are_those_of_the_shapes():
     random = np.random.default_rng(2)
     points = np.vstack([square, random.uniform(0.1, 3.9, (200, 2))])
     assert sorted(map(tuple, convex_hull(points))) == sorted(map(tuple, square))
+
+
+@pytest.mark.parametrize(
+    ("copies", "process", "told"),
+    [
+        (ROW.format(apart=40), 'copy_order = "part-by-part"', "do not rise one after the other"),
+        ('[substrate]\nkind = "plane"\npoint_mm = [0, 0, 0]', "",
+         "heights are checked over a level plate"),
+    ],
+)
+def test_heights_are_checked_of_layers_that_rise_over_a_level_plate(
+    tmp_path, copies, process, told
+):
+    with pytest.raises(ConfigError) as caught:
+        load_part(peg(tmp_path, copies, f"{process}\nheight_check_every = 2"))
+    assert "process.height_check_every" in caught.value.render()
+    assert told in caught.value.render()

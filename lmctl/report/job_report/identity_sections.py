@@ -33,6 +33,8 @@ def identity_section(report: PartReport) -> ReportSection:
     stated = report.traveller
     rows = fields([
         ("part", str(report.header.get("part", ""))),
+        *((("copies", ", ".join(map(str, copies))),) if (
+            copies := report.header.get("copies")) else ()),
         ("result", _STATES.get(report.record.state, report.record.state)),
         ("part number", stated.part_number), ("serial number", stated.serial),
         ("order", stated.order), ("customer", stated.customer),

@@ -30,6 +30,8 @@ def run_header(
         **({} if continues is None else _earlier_run(continues)),
         "planned_s": manifest.layers[-1].end_s, "materials": list(manifest.materials),
         **({"mixture": mixture} if (mixture := margins_text(manifest.totals)) else {}),
+        **({"copies": [str(one["name"]) for one in copies]}
+           if (copies := manifest.totals.get("copies")) else {}),
         "warnings": list(manifest.totals.get("warnings", [])),
         "hoppers": [
             {"name": h.name, "feeder": h.feeder, "material": h.material,
