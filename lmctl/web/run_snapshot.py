@@ -18,7 +18,7 @@ _UNKNOWN = (
     "pid", "doing", "doing_left_s", "layer", "place", "override_percent", "done_s", "total_s",
     "remaining_s", "beam_off", "position_mm", "s_word", "power_W", "speed_mm_s", "set_g_min",
     "measured_g_min", "carrier_L_min", "shield_gas_L_min", "sent_line", "reentry",
-    "reading_age_s",
+    "reading_age_s", "line", "now_s",
 )
 
 #: Values of a mixture's kinds, as `journal_points` names its columns.
@@ -28,6 +28,10 @@ _MIXTURES = {
     "nozzle": ("inferred", "set-points, feeder reports, dead time and lag of the hoses"),
 }
 
+#: What there is none of where a status does not say.
+_EMPTY: dict[str, Any] = {"held_by": "", "levels": (), "warnings": (), "alarms": (), "next": (),
+                          "interlocks": (), "origins": {}}
+
 Snapshot = dict[str, Any]
 
 
@@ -36,12 +40,15 @@ def live_snapshot(
 ) -> Snapshot:
     """Of a run that a process drives.
 
-    status : its last answer, answer_age_s old; mixture : as `latest_mixture` gives it
+    status : its last answer, answer_age_s old; what an older version leaves out is not known
+    mixture : as `latest_mixture` gives it
     """
+    ages_s = status.get("reading_age_s") or [None] * len(status.get("hoppers", ()))
     return {
-        **status, "live": True, "answer_age_s": round(answer_age_s, 3), "mixture": mixture,
+        **dict.fromkeys(_UNKNOWN), **_EMPTY, **status, "live": True,
+        "answer_age_s": round(answer_age_s, 3), "mixture": mixture,
         "reading_age_s": [None if age_s is None else round(age_s + answer_age_s, 3)
-                          for age_s in status.get("reading_age_s", ())],
+                          for age_s in ages_s],
         "origins": {name: _aged(origin, answer_age_s)
                     for name, origin in status.get("origins", {}).items()},
     }
@@ -66,8 +73,7 @@ def ended_snapshot(
         "materials": [one.get("material") for one in header.get("hoppers", ())],
         **dict.fromkeys(_UNKNOWN),
         "state": summary.state, "line": summary.lines, "now_s": summary.machine_s,
-        "held_by": "", "levels": [], "warnings": [], "interlocks": [], "origins": {},
-        "alarms": alarms, "next": _next(folder, summary, last),
+        **_EMPTY, "alarms": alarms, "next": _next(folder, summary, last),
         "live": False, "answer_age_s": None, "mixture": mixture,
     }
 

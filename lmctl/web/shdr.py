@@ -16,7 +16,6 @@ from datetime import UTC, datetime
 from typing import Any
 
 from lmctl.errors import UsageError
-from lmctl.run.state.transitions import RunState
 
 #: Between two looks at the snapshot, and what an agent is told to expect [s].
 _PERIOD_S, _HEARTBEAT_S = 0.5, 10.0
@@ -47,7 +46,7 @@ def shdr_items(now: Mapping[str, Any] | None) -> dict[str, str]:
             "execution": "READY", "system": "NORMAL||||"}
     x, y, z = (now["position_mm"] or (None, None, None))[:3]
     items = {
-        "avail": "AVAILABLE", "execution": EXECUTION[RunState(now["state"])],
+        "avail": "AVAILABLE", "execution": EXECUTION.get(now["state"], UNAVAILABLE),
         "program": _text(now["part"]), "line": _number(now["line"]),
         "path_feedrate_override": _number(now["override_percent"]),
         "path_feedrate": _number(now["speed_mm_s"]), "x_act": _number(x), "y_act": _number(y),

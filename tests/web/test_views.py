@@ -11,6 +11,7 @@ import pytest
 
 from lmctl.run.state.transitions import RunState
 from lmctl.web.metrics import metrics_text
+from lmctl.web.run_snapshot import live_snapshot
 from lmctl.web.shdr import EXECUTION, ShdrAdapter, shdr_items, shdr_line
 
 NOW = {
@@ -71,6 +72,19 @@ def test_metrics_are_the_snapshots_values_and_what_is_unknown_has_none():
     assert value("state", 'state="depositing"') == 1
     assert len(re.findall("^# TYPE lmctl_layer gauge$", text, re.M)) == 1
     assert metrics_text([]).splitlines()[-1] == "lmctl_runs 0"
+
+
+def test_a_run_of_an_older_version_is_shown_by_every_view_with_what_it_tells():
+    opcua = pytest.importorskip("lmctl.web.opcua", reason="the extra `opcua` is not installed")
+    old = {"run": "run-0001", "part": "p", "machine": "m", "operator": "", "layers": 2,
+           "lines": 10, "hoppers": ["A"], "materials": ["316L"], "state": "calibrating"}
+    now = live_snapshot(old, None, 0.25)
+    assert (now["live"], now["power_W"], now["reading_age_s"]) == (True, None, [None])
+    assert samples(metrics_text([now]))["lmctl_runs", ""] == 1
+    assert shdr_items(now)["execution"] == "UNAVAILABLE"
+    read = opcua.opcua_readings(now)
+    assert read["JobManagement/RunInformation", "State"] == ("calibrating", 0.25)
+    assert read["Equipment/Feedstock/A", "FlowActual"] == (None, None)
 
 
 def test_every_state_has_an_execution_of_mtconnect():

@@ -88,7 +88,8 @@ function showLink() {
   const isStale = Boolean(now) && (link === "lost" || (now.live && answerMs > STALE_MS));
   $("link").className = link === "live" && !isStale ? "live" : "lost";
   $("link").textContent = link === "lost" ? "connection lost, trying again"
-    : isStale ? "no news" : !now ? "connecting" : now.live ? "live" : "not under way";
+    : isStale ? "no news" : !now ? "connecting" : now.live ? "live"
+      : now.state === "running" ? "running, but it does not answer" : "not under way";
   $("stale").hidden = !isStale;
   $("stale").textContent = isStale
     ? `What you see is ${(answerMs / 1000).toFixed(0)} s old${linkReason ? `: ${linkReason}` : ""}. The run itself is not affected.` : "";
