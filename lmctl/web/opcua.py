@@ -103,9 +103,13 @@ class OpcuaDoor:
                 await self._server.stop()
 
     async def _update_on(self) -> None:
-        while True:
-            await self._update()
-            await asyncio.sleep(_PERIOD_S)
+        try:
+            while True:
+                await self._update()
+                await asyncio.sleep(_PERIOD_S)
+        except Exception:  # values that no longer change must not look as if they did
+            await self._server.stop()
+            raise
 
     async def _update(self) -> None:
         live = self._snapshots()
