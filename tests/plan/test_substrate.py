@@ -18,6 +18,8 @@ from lmctl.part.load import load_part
 from lmctl.part.substrate import flattened_part
 from lmctl.plan.layer_range import place_layers
 from lmctl.plan.planner import plan_job
+from lmctl.run.program.place import ProgramPlace
+from lmctl.run.program.reentry import plan_reentry
 from tests.plan.planned_jobs import layers_of
 
 CELL = load_profile(Path(__file__).parents[2] / "lmctl" / "examples" / "cell.toml")
@@ -215,3 +217,22 @@ def test_a_part_in_the_air_over_its_substrate_is_refused(tmp_path):
                 keys="low_mm = [0, 0, 7]\nhigh_mm = [30, 14, 9]")
     with pytest.raises(PlanError, match="is deposited on its substrate"):
         plan_job(load_part(file), CELL, tmp_path / "job.lmj")
+
+
+def test_the_way_back_to_a_path_stays_over_what_is_built(shaft):
+    """A run that comes back lifts by its clearance only: why layers may not rise by more."""
+    manifest, layers = shaft
+    offset = np.array(manifest.part_offset_mm)
+    for layer in layers:
+        beads = layer.first_line + np.flatnonzero(layer.lines["kind"] == LineKind.BEAD)
+        for line in beads[:: len(beads) // 7]:
+            entry = plan_reentry(manifest, lambda index: layers[index],
+                                 ProgramPlace(int(line), 0.4), CELL.motion)
+            way = entry.layer.lines[: entry.beam_on_line - entry.layer.first_line]
+            at = np.stack([way[axis] for axis in ("x_mm", "y_mm", "z_mm")], axis=1) - offset
+            share = np.linspace(0, 1, 50)[None, :, None]
+            places = (at[:-1, None] + share * np.diff(at, axis=0)[:, None]).reshape(-1, 3)
+            over = (np.abs(places[:, 1]) < 13) & (places[:, 0] > 5) & (places[:, 0] < 55)
+            assert over.any()
+            built = 25 + 0.8 * layer.index
+            assert (np.hypot(places[over, 1], places[over, 2]) - built).min() > 0.7
