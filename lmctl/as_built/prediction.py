@@ -10,7 +10,7 @@ measurement.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -34,6 +34,9 @@ _LEVEL_MM = 0.01
 #: Time over which the reported pace is averaged. From one report to the next, 0.2 s later, it
 #: scatters by 24 % about a steady pace on the gear that ships; over this time by 3.5 %.
 _PACE_WINDOW_S = 2.0
+#: A report farther from its line is of another motion: an approach has the number of the line that
+#: it leads to.
+_ON_PATH_MM = 3.0
 #: A strip is put down in points so many to a voxel's edge.
 _POINTS_PER_VOXEL = 4
 _NOTE = ("predicted from commanded powder and reported places; {} not in it")
@@ -52,25 +55,22 @@ class _Beads:
     line: IntArray
 
 
-def predicted_volume(job: JobReader, part: Part, records: Iterable[dict[str, Any]]) -> BuiltVolume:
-    """Predict the build of one run. records : of its journal, in order.
+def predicted_volume(
+    job: JobReader, part: Part, runs: Iterable[Iterable[dict[str, Any]]]
+) -> BuiltVolume:
+    """Predict what the runs of one part built together.
 
-    Raises InputError where the run deposited nothing that was reported.
+    runs : the records of each run's journal, in order; a run that continues another begins where
+        that one ended
+    Raises InputError where no run deposited anything that was reported.
     """
-    powder, reports = CommandedPowder(), []
-    for record in records:
-        powder.take(record)
-        if record["kind"] == "samples":
-            reports += list(zip(*(record[name] for name in ("at", "line", "x_mm", "y_mm", "z_mm")),
-                                strict=True))
-    beads = _executed_beads(job, np.array(reports, dtype=np.float64).reshape(-1, 5))
-    volume = np.stack([
-        powder.flow_g_s(material.name, beads.machine_s)
-        * material.catch_efficiency / material.density_g_mm3
-        for material in part.materials], axis=1) * beads.duration_s[:, None]
-    if not (volume > 0).any():
+    found = [one for records in runs if (one := _built_by_run(job, part, records)) is not None]
+    if not found:
         raise InputError("the journal reports no bead with powder: there is nothing to predict",
                          hint="choose a run that deposited something: `lmctl jobs` lists runs")
+    beads = _Beads(*(np.concatenate([getattr(one, field.name) for one, _ in found])
+                     for field in fields(_Beads)))
+    volume = np.concatenate([volume for _, volume in found])
     layer_mm = _layer_height_mm(job)
     strips = replace(beads, width_mm=beads.width_mm * (1 - part.process.overlap))
     # layers that follow a substrate come lower than the height they are known by
@@ -80,16 +80,45 @@ def predicted_volume(job: JobReader, part: Part, records: Iterable[dict[str, Any
                    LevelDilution.of_job(job, part))
 
 
+def _built_by_run(
+    job: JobReader, part: Part, records: Iterable[dict[str, Any]]
+) -> tuple[_Beads, FloatArray] | None:
+    """A run's beads and the volume of each material in them, (n, materials) [mm³]; None where it
+    reported none."""
+    powder, reports = CommandedPowder(), []
+    begins = (0, 0.0)
+    for record in records:
+        powder.take(record)
+        if record["kind"] == "header" and (place := record.get("begins_at")):
+            begins = int(place["line"]), float(place["share"])
+        elif record["kind"] == "samples":
+            reports += list(zip(*(record[name] for name in ("at", "line", "x_mm", "y_mm", "z_mm")),
+                                strict=True))
+    beads = _executed_beads(job, np.array(reports, dtype=np.float64).reshape(-1, 5), *begins)
+    if beads is None:
+        return None
+    volume = np.stack([
+        powder.flow_g_s(material.name, beads.machine_s)
+        * material.catch_efficiency / material.density_g_mm3
+        for material in part.materials], axis=1) * beads.duration_s[:, None]
+    return (beads, volume) if (volume > 0).any() else None
+
+
 def _layer_height_mm(job: JobReader) -> float:
     entries = job.manifest.layers
     return float(entries[1].z_mm - entries[0].z_mm if len(entries) > 1 else entries[0].z_mm)
 
 
-def _executed_beads(job: JobReader, reports: FloatArray) -> _Beads:
-    """Pieces of every bead between the first report in the program and the last.
+def _executed_beads(
+    job: JobReader, reports: FloatArray, begin_line: int, begin_share: float
+) -> _Beads | None:
+    """Pieces of every bead between the first report in the program and the last; None where no
+    two reports tell of motion in it.
 
     reports : (m, 5) machine time, line, x, y, z
+    begin_line, begin_share : where the run continues another
     """
+    begin_s = -np.inf
     pieces: list[tuple[FloatArray, ...]] = []
     times: list[FloatArray] = []
     program: list[FloatArray] = []
@@ -100,12 +129,19 @@ def _executed_beads(job: JobReader, reports: FloatArray) -> _Beads:
         before = np.concatenate([ends[:1] if previous is None else previous, ends[:-1]])
         start_s = np.concatenate([layer.flow_s[:1], lines["end_s"][:-1]])
         previous = ends[-1:]
+        row_of_begin = begin_line - layer.first_line
+        if begin_line and 0 <= row_of_begin < len(lines):
+            begin_s = float(start_s[row_of_begin] + begin_share * (
+                lines["end_s"][row_of_begin] - start_s[row_of_begin]))
         mine = reports[(reports[:, 1] >= max(1, layer.first_line))
                        & (reports[:, 1] < layer.first_line + len(lines))]
         row = (mine[:, 1] - layer.first_line).astype(np.int64)
-        times.append(mine[:, 0])
-        program.append(start_s[row] + _share(mine[:, 2:], before[row], ends[row])
-                       * (lines["end_s"][row] - start_s[row]))
+        share = _share(mine[:, 2:], before[row], ends[row])
+        off_mm = np.linalg.norm(
+            mine[:, 2:] - before[row] - share[:, None] * (ends[row] - before[row]), axis=1)
+        on_path = off_mm <= _ON_PATH_MM
+        times.append(mine[on_path, 0])
+        program.append((start_s[row] + share * (lines["end_s"][row] - start_s[row]))[on_path])
         beads = np.flatnonzero(lines["kind"] == LineKind.BEAD)
         along = ends[beads] - before[beads]
         length = np.linalg.norm(along, axis=1)
@@ -123,10 +159,14 @@ def _executed_beads(job: JobReader, reports: FloatArray) -> _Beads:
     place, direction, length, width, at_s, took_s, line = map(
         np.concatenate, zip(*pieces, strict=True))
     machine_s, program_s = np.concatenate(times), np.maximum.accumulate(np.concatenate(program))
+    entered = int(np.searchsorted(program_s, begin_s, side="right"))
+    if 0 < entered < len(program_s):  # from there to the first report it went as planned
+        ahead_s = program_s[entered] - begin_s
+        machine_s = np.concatenate([[machine_s[entered] - ahead_s], machine_s[entered:]])
+        program_s = np.concatenate([[begin_s], program_s[entered:]])
     reached, first = np.unique(program_s, return_index=True)
     if len(reached) < 2:
-        raise InputError("the journal reports no motion in the program to predict a build from",
-                         hint="choose a run that deposited something: `lmctl jobs` lists runs")
+        return None
     done = (at_s >= reached[0]) & (at_s <= reached[-1])
     seconds = machine_s[first]
     kept = np.append(np.flatnonzero(np.diff(seconds // _PACE_WINDOW_S)), len(seconds) - 1)

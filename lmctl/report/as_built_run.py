@@ -17,6 +17,7 @@ from lmctl.job.reader import JobReader
 from lmctl.part.copies import PartCopy
 from lmctl.part.load import part_from_text
 from lmctl.part.part import Part
+from lmctl.report.part_record import runs_of_part
 from lmctl.report.run_record import RunRecord, read_run
 from lmctl.run.journal.format import read_records
 from lmctl.run.journal.run_folders import RunFolder
@@ -32,8 +33,8 @@ def as_built_of_run(
 ) -> AsBuiltComparison:
     """Compare what a run built with its part.
 
-    A simulated run that left a voxel map is compared by it; of any other run what it built is
-    predicted from its journal by the model that its job believes, and marked so.
+    A simulated run that left a voxel map is compared by it. Of any other its part is predicted
+    by the model that its job believes, and marked so, from the journals of all runs of its part.
     data_folder : of the part's data files; None: the folder of the runs' folder, or the present one
     copy : name of the one to compare, of a job with copies
     Raises MissingFileError, InputError, JobError, JournalError.
@@ -45,8 +46,12 @@ def as_built_of_run(
             found = compare_with_design(
                 read_voxel_map(folder.voxel_map), part, job, _copy_of(part, copy))
             return _weighed(found, read_run(journal))
-        return compare_with_design(predicted_volume(job, part, read_records(journal)), part, job,
-                                   _copy_of(part, copy))
+        journals = [folder.journal for folder in runs_of_part(folder)]
+        if len(journals) == 1:
+            journals = [journal]
+        return compare_with_design(
+            predicted_volume(job, part, map(read_records, journals)), part, job,
+            _copy_of(part, copy))
 
 
 def _copy_of(part: Part, name: str | None) -> PartCopy | None:

@@ -116,7 +116,7 @@ def part_record_of(
     """
     folders = [RunFolder(journal.parent)]
     if not run_only:
-        folders = _all_runs(RunFolder(journal.parent))
+        folders = runs_of_part(RunFolder(journal.parent))
     runs = [
         read_run(journal if len(folders) == 1 else folder.journal,
                  None if observer is None else observer(folder))
@@ -127,7 +127,7 @@ def part_record_of(
     return PartRecord(tuple(runs), tuple(layer_records(runs)), tuple(notes))
 
 
-def _all_runs(this: RunFolder) -> list[RunFolder]:
+def runs_of_part(this: RunFolder) -> list[RunFolder]:
     """Every run of the same part: those before this one and those after it, in order."""
     runs_dir = this.path.parent
     before_of: dict[str, str] = {}

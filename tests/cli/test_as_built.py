@@ -4,6 +4,8 @@ import json
 
 import pytest
 
+from tests.cli.conftest import LINK_CUT
+
 PROCESS = """
 [process]
 max_power_W = 3000
@@ -75,3 +77,21 @@ def test_a_damaged_map_is_reported(lmctl, built):
 def test_a_bench_without_process_leaves_no_map(lmctl, box, tmp_path):
     assert lmctl("run", box, "--sim").code == 0
     assert not (tmp_path / "runs" / "run-0001" / "voxel-map.npz").exists()
+
+
+def test_a_part_of_two_runs_is_predicted_from_both(lmctl, box, tmp_path):
+    """A run is cut off in its path, another goes on; on a machine nothing maps what is there."""
+    (tmp_path / "faults.toml").write_text(LINK_CUT)
+    assert lmctl("run", box, "--sim", "--faults", "faults.toml").code == 5
+    alone = lmctl("report", "run-0001", "--as-built", "--json").json
+    assert alone["built_over_design"] < 0.7
+    recovered = lmctl("recover", "run-0001", "--sim", "--yes", "--position-restored",
+                      "--deposited=0")
+    assert recovered.code == 0, recovered.talk
+    both = lmctl("report", "run-0002", "--as-built", "--json").json
+    assert lmctl("report", "run-0001", "--as-built", "--json").json == both
+    assert lmctl("run", box, "--sim", "--runs", "whole").code == 0
+    whole = lmctl("report", "run-0001", "--as-built", "--json", "--runs", "whole").json
+    assert both["built_by"] == whole["built_by"] == "predicted"
+    assert both["built_over_design"] == pytest.approx(whole["built_over_design"], abs=0.03)
+    assert both["missing_mm3"] == pytest.approx(whole["missing_mm3"], abs=3.0)
