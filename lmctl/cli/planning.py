@@ -104,5 +104,7 @@ def job_summary(manifest: JobManifest, target: Path) -> str:
                   for found in manifest.verdict if found["text"].startswith("strategy")]
     if margins := margins_text(totals):
         lines.insert(-1, f"  mixture   {margins}")
+    lines += [f"  alloy     {found['text']}" for found in manifest.verdict
+              if found["text"].startswith("alloy rule ")]
     lines += [f"  warning   {text}" for text in totals["warnings"]]
     return "\n".join(lines)

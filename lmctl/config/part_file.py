@@ -11,10 +11,11 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
+from lmctl.config.alloy_rules import AlloyRuleSettings
 from lmctl.config.bodies import Body, referenced_bodies
 from lmctl.config.composition import Composition, measured_bodies
 from lmctl.config.copies import CopySettings
-from lmctl.config.quantities import Name, Pitch, Positive, ShareOfOne, Vector
+from lmctl.config.quantities import FileName, Name, Pitch, Positive, ShareOfOne, Vector
 from lmctl.config.simulation import (
     FaceSettings,
     HeatSettings,
@@ -189,6 +190,8 @@ class PartFile(ConfigModel):
     material : the powders it is made of
     body : the shapes it is made of
     process : how beads are deposited
+    alloy_rule : mixtures that must not be deposited
+    alloy_rule_files : TOML files of such rules that several parts share
     """
 
     name: Name
@@ -209,6 +212,8 @@ class PartFile(ConfigModel):
     heat: Annotated[tuple[HeatSettings, ...], Field(max_length=1000)] = ()
     simulation: SimulationSettings = SimulationSettings()
     optimise: OptimiseSettings | None = None
+    alloy_rule: Annotated[tuple[AlloyRuleSettings, ...], Field(max_length=100)] = ()
+    alloy_rule_files: Annotated[tuple[FileName, ...], Field(max_length=20)] = ()
 
     def root_body_indices(self) -> tuple[int, ...]:
         """Numbers of the bodies the part is made of: those no other and no feature names."""

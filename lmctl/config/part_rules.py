@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from lmctl.config import materials, toml_file
+from lmctl.config.alloy_rules import alloy_rule_findings
 from lmctl.config.composition_rules import composition_findings
 from lmctl.config.file_kind import FileKind, refuse_other_kind
 from lmctl.config.free_numbers import resolve_free_numbers
@@ -80,6 +81,7 @@ def cross_key_findings(data: dict[str, Any]) -> list[Finding]:
     findings += _substrate_findings(data.get("substrate"), known)
     findings += _copy_findings(data)
     findings += simulation_findings(data, known)
+    findings += alloy_rule_findings(data.get("alloy_rule"), names)
     return findings
 
 

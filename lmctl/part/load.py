@@ -20,6 +20,7 @@ from lmctl.part.materials.powders import resolve_materials
 from lmctl.part.materials.profile_warnings import flat_profile_warnings
 from lmctl.part.named_bodies import named_bodies
 from lmctl.part.part import Part
+from lmctl.part.part_alloy_rules import part_alloy_rules
 from lmctl.part.part_data import PartData
 from lmctl.part.resolution import checked_grid, section_plane_grid
 from lmctl.part.sources.files import CLOUD_SUFFIXES, MESH_SUFFIXES
@@ -167,6 +168,7 @@ def _part_of(part: config.PartFile, text: str, tree: BodyTree, report: Report | 
         data.notes.append(f"{len(free)} free numbers have their starting values; `lmctl optimise` "
                           "chooses them")
     surface = _substrate_surface(part, tree)
+    rules = part_alloy_rules(part, data)
     # power and speed are the materials' own or the library's, and named there
     unwritten = set(config.ProcessSettings.model_fields) - part.process.model_fields_set
     if keys := sorted(unwritten - _not_noted(part.process)):
@@ -192,6 +194,7 @@ def _part_of(part: config.PartFile, text: str, tree: BodyTree, report: Report | 
         substrate=part.substrate,
         substrate_surface=surface,
         copies=copies_of(part.copies) if part.copies else (),
+        alloy_rules=rules,
     )
 
 

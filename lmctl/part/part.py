@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,8 @@ from lmctl.part.turning_heights import turning_heights_mm
 
 if TYPE_CHECKING:
     from lmctl.part.copies import PartCopy
+    from lmctl.part.materials.alloy_rules import AlloyRules
+    from lmctl.part.materials.laid_mixtures import LaidMixtures
     from lmctl.part.substrate import LayerStack, SubstrateSurface
 
 #: Points of a composition evaluated at a time: keeps temporaries in tens of megabytes.
@@ -80,6 +82,7 @@ class Part:
     substrate_surface : of a substrate with a shape; None: a level plate under its lowest point
     copies : that stand on the plate; none: the part alone
     layer_stack : where coordinates are (x, y, u) of `substrate.flattened_part`, how its layers lie
+    alloy_rules : mixtures that must not be deposited; None where the part has no rules
     """
 
     name: str
@@ -101,6 +104,7 @@ class Part:
     substrate_surface: SubstrateSurface | None = None
     layer_stack: LayerStack | None = None
     copies: tuple[PartCopy, ...] = ()
+    alloy_rules: AlloyRules | None = None
 
     @property
     def bounds_mm(self) -> Bounds:
@@ -138,9 +142,44 @@ class Part:
         points_mm : (n, 3) float64 [mm]
         returns : (n, n_materials) float64, each ≥ 0, rows summing to 1 within 1e-6
         """
-        points = np.asarray(points_mm, dtype=np.float64).reshape(-1, 3)
-        parts = [
-            self.composition_field.fractions(points[first : first + POINTS_AT_ONCE])
-            for first in range(0, max(len(points), 1), POINTS_AT_ONCE)
-        ]
-        return parts[0] if len(parts) == 1 else np.concatenate(parts)
+        return _fractions_at(self.composition_field, points_mm)
+
+    @cached_property
+    def laid_mixtures(self) -> LaidMixtures | None:
+        """What is laid in place of mixtures that alloy rules forbid; None without rules."""
+        if self.alloy_rules is None:
+            return None
+        if (known := getattr(self.composition_field, "mixtures", None)) is not None:
+            return cast("LaidMixtures", known)  # of a part as it is laid
+        from lmctl.part.materials.laid_mixtures import LaidMixtures  # late: it compiles kernels
+
+        return LaidMixtures(self.alloy_rules, self.process.fraction_step)
+
+    def as_laid(self) -> Part:
+        """The part with the composition that alloy rules leave of its own; itself without rules.
+
+        Its `designed_composition` is still the part file's.
+        """
+        if self.laid_mixtures is None:
+            return self
+        from lmctl.part.materials.laid_mixtures import RuledComposition
+
+        if isinstance(self.composition_field, RuledComposition):
+            return self
+        return replace(self, composition_field=RuledComposition(
+            self.composition_field, self.laid_mixtures))
+
+    def designed_composition(self, points_mm: FloatArray) -> FloatArray:
+        """As `composition`, of the part file, whatever alloy rules say."""
+        return _fractions_at(getattr(self.composition_field, "designed", self.composition_field),
+                             points_mm)
+
+
+def _fractions_at(of: CompositionField, points_mm: FloatArray) -> FloatArray:
+    """A composition field at points (n, 3), many at a time."""
+    points = np.asarray(points_mm, dtype=np.float64).reshape(-1, 3)
+    parts = [
+        of.fractions(points[first : first + POINTS_AT_ONCE])
+        for first in range(0, max(len(points), 1), POINTS_AT_ONCE)
+    ]
+    return parts[0] if len(parts) == 1 else np.concatenate(parts)

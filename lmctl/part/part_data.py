@@ -7,11 +7,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lmctl.array_types import FloatArray
+from lmctl.config.alloy_rules import AlloyRuleFile, AlloyRuleSettings, alloy_rule_findings
 from lmctl.config.bodies import CloudBody, MeshBody
 from lmctl.config.composition import FaceFeature, SampledMixture, SheetFeature, features_of
 from lmctl.config.part_file import PartFile
 from lmctl.config.substrate import SubstrateSettings
-from lmctl.errors import InputError, MissingFileError
+from lmctl.config.toml_file import parse_tables, validated_model
+from lmctl.errors import ConfigError, InputError, MissingFileError
+from lmctl.part.sources.alloy_maps import AlloyMap, read_alloy_map
 from lmctl.part.sources.files import DataFile, read_data_file
 from lmctl.part.sources.mesh_files import Mesh, read_mesh
 from lmctl.part.sources.mesh_repair import repair_mesh
@@ -153,6 +156,24 @@ class PartData:
             return triangles_of_group(self._file(body.file), feature.group, body.units)
         assert feature.at_mm is not None, "the model asks for one of the two"
         return smooth_patch_around(self.mesh(body), feature.at_mm, feature.angle_deg)
+
+    def alloy_map(self, rule: AlloyRuleSettings) -> AlloyMap | None:
+        """The map of a rule; None where it names none. Raises InputError."""
+        if rule.map_file is None:
+            return None
+        return read_alloy_map(self._file(rule.map_file), rule.powders)
+
+    def shared_alloy_rules(self, name: str) -> tuple[AlloyRuleSettings, ...]:
+        """The rules of a file that several parts share. Raises ConfigError with all mistakes."""
+        file = self._file(name)
+        try:
+            data = parse_tables(file.data.decode("utf-8"), name=str(file.path))
+        except UnicodeDecodeError:
+            raise InputError(f"{file.path} is not text", hint="save it as UTF-8") from None
+        findings = list(alloy_rule_findings(data.get("alloy_rule"), None))
+        if findings:
+            raise ConfigError(f"{file.path} has {len(findings)} mistakes", findings=findings)
+        return validated_model(data, AlloyRuleFile, name=str(file.path)).alloy_rule
 
     def _file(self, name: str) -> DataFile:
         file = read_data_file(name, self._folder)

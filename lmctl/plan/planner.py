@@ -84,7 +84,8 @@ def plan_job(
     """
     options = options or PlanOptions()
     part = flattened_part(with_known_dilution(part, profile))
-    part, choice = with_chosen_strategy(part, profile)
+    part, choice = with_chosen_strategy(
+        part if part.alloy_rules is None else part.as_laid(), profile)
     planning = _Planning(part, profile, options, choice)
     with JobWriter(out) as job, options.open_workers(part) as workers:
         for layer in ordered_results(workers.text, planning.sequenced(workers), workers.window):
@@ -113,7 +114,8 @@ class _Planning:
         self._recipe = recipe_of(part, profile, self._whole_placement.layer_height_mm)
         self._dilution = compensation_of(part, profile, self._recipe)
         self._sequencer = LayerSequencer(
-            part.name, part.process, self._recipe, profile, self._dilution, part.layer_stack)
+            part.name, part.process, self._recipe, profile, self._dilution, part.layer_stack,
+            None if part.alloy_rules is None else part.laid_mixtures)
         # places in several copies are none of the bodies' own
         self._named_bodies = NO_NAMED_BODIES if part.copies else part.named_bodies
         self._completeness = Completeness(
@@ -223,6 +225,7 @@ class _Planning:
         Raises PlanError where the plan is not the part, and that is not allowed.
         """
         part, profile, statistics = self._part, self._profile, self._sequencer.statistics
+        rules = self._sequencer.alloy_statistics
         excerpt, used = self._options.layers, profile.calibration_use
         margins = None if part.uniform_mixture() is not None else mixture_margins(
             self._sequencer.samples, self._recipe, used, composition_of_copies(part),
@@ -233,7 +236,8 @@ class _Planning:
             *([] if self._choice is None else [report_finding(True, self._choice.as_text())]),
             *self._completeness_findings(),
             *plan_report(statistics, self._placement, part.process.powder),
-            *self._dilution_findings(), *substrate_report(part, profile.nozzle is not None),
+            *([] if rules is None else rules.findings()), *self._dilution_findings(),
+            *substrate_report(part, profile.nozzle is not None),
             *(report_finding(*found)
               for found in (() if margins is None else margin_findings(margins, other)))]
         warnings = [*part.warnings, *(f["text"] for f in findings if f["level"] == "warning")]
@@ -266,6 +270,7 @@ class _Planning:
             | ({} if part.process.height_check_every is None else
                {"height_check_every": part.process.height_check_every})
             | copies_totals(part, self._placement)
+            | ({} if rules is None else rules.totals())
             | ({} if part.surface_error_mm is None else
                {"surface_error_mm": round(part.surface_error_mm, 4)}),
             verdict=tuple(findings),

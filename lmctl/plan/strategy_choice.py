@@ -147,7 +147,8 @@ def _trial(
 ) -> StrategyTrial:
     recipe = recipe_of(part, profile, placement.layer_height_mm)
     sequencer = LayerSequencer(
-        part.name, part.process, recipe, profile, stack=part.layer_stack)
+        part.name, part.process, recipe, profile, stack=part.layer_stack,
+        mixtures=None if part.alloy_rules is None else part.laid_mixtures)
     made = [geometry for geometry in made if geometry.n_tracks]
     errors = [0.0]
     if part.process.powder == "lead":

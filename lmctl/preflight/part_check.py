@@ -20,8 +20,9 @@ if TYPE_CHECKING:
 def check_part(part: Part, profile: MachineProfile) -> Placement:
     """Placement of the part. Reports all problems at once.
 
-    Raises PlanError: a material without a hopper, a part outside the machine's travel, a recipe
-    beyond the laser's power or the axes' speed, a part without layers.
+    Raises PlanError: alloy rules that cannot be kept, a material without a hopper, a part outside
+    the machine's travel, a recipe beyond the laser's power or the axes' speed, a part without
+    layers.
     """
     wrong: list[LmctlError] = []
     for material in part.materials:
@@ -42,6 +43,13 @@ def check_part(part: Part, profile: MachineProfile) -> Placement:
                 f"{profile.name!r} reach {fastest:g}",
                 hint="lower the material's speed_mm_s, with its power_W",
             ))
+    if part.alloy_rules is not None and part.laid_mixtures is not None:
+        from lmctl.preflight.alloy_check import alloy_problems  # late: most parts have no rules
+
+        shares = [one.share for one in profile.dilution if one.material is None
+                  or one.material in part.laid_mixtures.rules.materials]
+        ignored = part.process.dilution == "ignore" or not shares
+        wrong += alloy_problems(part.laid_mixtures, 0.0 if ignored else min(shares))
     placement = place_part(part, profile)
     outside = _outside(part, placement, profile)
     if part.layer_stack is not None:

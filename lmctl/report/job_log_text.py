@@ -70,6 +70,7 @@ def _head(part: PartRecord) -> str:
         *((f"hopper {hopper['name']}", _hopper(hopper)) for hopper in header.get("hoppers", [])),
         ("calibration", calibration_text(header.get("calibration") or {})),
         ("mixture", str(header.get("mixture", ""))),
+        *(("alloy rule", _alloy_rule(rule)) for rule in header.get("alloy_rules", [])),
         *(("warning", str(text)) for text in header.get("warnings", [])),
     ]
     return "\n".join([
@@ -85,6 +86,11 @@ def _cause(run: RunRecord) -> list[tuple[str, str]]:
         return []
     return [("alarm" if run.state == "done" else "cause", str(cause.get("what", ""))),
             *(("then", str(text)) for text in run.seal.get("followed", []))]
+
+
+def _alloy_rule(rule: dict[str, object]) -> str:
+    return (f"{rule.get('name')}: {rule.get('reason')}; planned mixtures differ from the part's "
+            f"along {rule.get('changed_mm')} mm, by up to {rule.get('changed_by')}")
 
 
 def _machine(run: RunRecord) -> str:

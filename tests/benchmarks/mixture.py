@@ -7,6 +7,7 @@ wrong), and the share of the deposited volume within ±0.03 (`volume_…`), by t
 without dilution. The cell's profile is the truth, but for `box_theta`: both dead times 0.5 s
 longer than it says. `time_…` is program time over that of the plan before there were strategies
 (TODAY_S). `dwell_over_ours` is the blade's plan with 30 s of dwell at each change of mixture.
+`forbidden` and `detour` are about alloy rules (`mixture_rows/alloy_rows.py`).
 
 Prints one JSON object; names of rows choose some of them.
 
@@ -21,6 +22,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
+from tests.benchmarks.mixture_rows.alloy_rows import detour, forbidden_points
 from tests.benchmarks.mixture_rows.as_built import build, duration_s
 from tests.benchmarks.mixture_rows.parts import write_part
 from tests.benchmarks.mixture_rows.standoff import standoff_row
@@ -33,7 +35,8 @@ TODAY_S = {
 }
 _WITH_VOLUME = {"plate_step": "plate", "fig8_union": "union", "blade": "blade"}
 _DWELL_S = 30.0
-_ROWS = [*TODAY_S, "standoff"]
+_ALLOY_ROWS = {"forbidden": forbidden_points, "detour": detour}
+_ROWS = [*TODAY_S, "standoff", *_ALLOY_ROWS]
 
 
 def main() -> None:
@@ -43,6 +46,9 @@ def main() -> None:
     found: dict[str, Any] = {}
     with tempfile.TemporaryDirectory() as folder:
         for name in chosen:
+            if name in _ALLOY_ROWS:
+                found |= _ALLOY_ROWS[name]()
+                continue
             place = Path(folder) / name
             place.mkdir()
             found |= _row(name, place)

@@ -118,6 +118,7 @@ class FakePart:
     surface_error_mm: float | None = None
     named_bodies: NamedBodies = NO_NAMED_BODIES
     substrate: SubstrateSettings = UNKNOWN_PLATE
+    alloy_rules: None = None
 
     @property
     def turning_heights_mm(self):

@@ -48,6 +48,7 @@ class FakePart:
     substrate_surface: None = None
     layer_stack: None = None
     copies: tuple = ()
+    alloy_rules: None = None
 
     @property
     def bounds_mm(self):

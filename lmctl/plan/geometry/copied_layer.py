@@ -37,4 +37,5 @@ def layer_of_copies(geometry: LayerGeometry, copies: Sequence[PartCopy]) -> Laye
         is_directed=None if geometry.is_directed is None else np.tile(geometry.is_directed, n),
         fractions_below=None if geometry.fractions_below is None else np.tile(
             geometry.fractions_below, (n, 1)),
+        designed=None if geometry.designed is None else np.tile(geometry.designed, (n, 1)),
         copy=np.repeat(np.arange(n, dtype=np.intp), tracks))

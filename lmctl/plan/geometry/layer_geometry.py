@@ -123,6 +123,8 @@ class LayerGeometry:
         length over the layer height. On a substrate with a shape layers are thicker or thinner than
         that from place to place, and the length is that in the xy plane
     fractions : (n, materials) float64, the material field there, rows summing to 1
+    designed : (n, materials) float64, the part file's own mixture where alloy rules change it;
+        None where `fractions` is that
     is_closed : (m,) bool, the track ends where it begins (its first point is repeated last)
     copy : (m,) intp, which copy of the part each track belongs to; None where there is one part
     is_directed : (m,) bool, the track is to be deposited from its first point to its last; None
@@ -152,6 +154,7 @@ class LayerGeometry:
     fractions_below: FloatArray | None = None
     melted: MeltedBelow | None = None
     copy: IndexArray | None = None
+    designed: FloatArray | None = None
 
     @property
     def n_tracks(self) -> int:

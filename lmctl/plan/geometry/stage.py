@@ -65,6 +65,8 @@ def layer_geometry(part: Part, placement: Placement, layer: int) -> LayerGeometr
     made = _geometry(number, z_mm, lines, len(part.materials), loops, figures)
     if part.layer_stack is not None and made.n_tracks:
         made = _with_thickness(made, part.layer_stack)
+    if part.alloy_rules is not None:
+        made = _under_alloy_rules(part, made)
     if process.dilution == "ignore" or number == 0:
         return made
     points = made.points_mm
@@ -77,6 +79,20 @@ def _with_thickness(made: LayerGeometry, stack: LayerStack) -> LayerGeometry:
     stretched = made.strip_width_mm * stack.stretch(made.points_mm, made.z_mm)
     factor = float(stretched.sum() / made.strip_width_mm.sum())
     return replace(made, strip_width_mm=stretched, figures=made.figures.scaled(factor))
+
+
+def _under_alloy_rules(part: Part, geometry: LayerGeometry) -> LayerGeometry:
+    """A layer with mixtures that may be laid at every vertex, and the part file's own beside them.
+
+    Strategies may interpolate the material field, so that rules are applied once more.
+    """
+    mixtures = part.laid_mixtures
+    if mixtures is None or geometry.n_tracks == 0:
+        return geometry
+    points = np.column_stack([
+        geometry.points_mm, np.full(len(geometry.points_mm), geometry.z_mm)])
+    return replace(geometry, fractions=mixtures.laid(geometry.fractions)[0],
+                   designed=part.designed_composition(points))
 
 
 def _slice_task(

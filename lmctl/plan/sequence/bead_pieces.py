@@ -77,6 +77,11 @@ def bead_pieces(
     at = along[line, 0] + share * (along[:, 1] - along[:, 0])[line]
     fed = before[line] + share[:, None] * (moves.fractions[bead] - before)[line]
     melted = None if tracks.melted is None else tracks.melted.at_lengths(tracks.along_mm, at)
+    own = tracks.fractions if tracks.designed is None else tracks.designed
+    designed = np.column_stack([np.interp(at, tracks.along_mm, column) for column in own.T])
+    if melted is not None:
+        designed = melted.designed if tracks.designed is None else np.column_stack(
+            [designed, np.zeros(len(designed))])
     return BeadPieces(
         layer, z_mm,
         at_s=begin_s[line] + share * lasting_s[line],
@@ -86,6 +91,5 @@ def bead_pieces(
         length_mm=length_mm[line] / pieces[line],
         width_mm=moves.bead_width_mm[bead][line],
         fed=fed, planned=fed if melted is None else melted.laid(fed),
-        designed=melted.designed if melted is not None else np.column_stack([
-            np.interp(at, tracks.along_mm, column) for column in tracks.fractions.T]),
+        designed=designed,
         melted=melted)

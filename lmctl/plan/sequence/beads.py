@@ -9,6 +9,7 @@ and beam power in proportion, which keeps that energy too.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -83,6 +84,7 @@ class Beads:
 def make_beads(
     tracks: OrderedTracks, mixtures: MeteredMixtures, step: float, longest_s: float,
     max_speed_mm_s: float, where: str, *, leads: bool, uniform: bool = False,
+    allowed: Callable[[FloatArray, str], FloatArray] | None = None,
 ) -> Beads:
     """The beads of a layer's tracks.
 
@@ -90,12 +92,15 @@ def make_beads(
     step : quantum of volume fraction; longest_s : most a segment may last
     leads : whether powder is led, so that slowing down can help it follow
     uniform : one mixture a track, its mean (the strategy iso-3d)
+    allowed : moves mixtures (r, m) that hoppers can meter out of forbidden regions
     Raises PlanError where no hopper can deliver what a bead needs.
     """
     recipe = mixtures.recipe
     fractions = _track_means(tracks) if uniform else tracks.fractions
     runs = composition_runs(fractions, tracks.starts, step)
     levels, faster = metered_levels(runs.levels, runs.track, tracks.n_tracks, mixtures, where)
+    if allowed is not None:
+        levels = allowed(levels, where)
     off = greatest_differences(levels, runs.levels)
     run_mm = np.diff(run_ends_mm(tracks.along_mm, tracks.starts, runs), axis=1)[:, 0]
     runs = replace(runs, levels=levels)

@@ -7,7 +7,8 @@ layer's arrays at once.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -36,6 +37,7 @@ from lmctl.plan.sequence.mixture_ramps import (
 from lmctl.plan.sequence.moves import Moves, join_moves, moves_of_kind, rounded_to_program_steps
 from lmctl.plan.sequence.powder_flow import PowderFlow, powder_flow
 from lmctl.plan.sequence.sampled_layers import SampledLayers
+from lmctl.plan.sequence.sequence_state import SequenceState
 from lmctl.plan.sequence.track_order import OrderedTracks, order_tracks
 from lmctl.plan.sequence.travel import (
     LAYER_REST_S,
@@ -47,22 +49,13 @@ from lmctl.plan.sequence.weak_flow import MeteredMixtures
 from lmctl.preflight.job_check import LINES_PER_HORIZON, travel_violations
 from lmctl.preflight.placement import Placement
 
+if TYPE_CHECKING:
+    from lmctl.part.materials.laid_mixtures import LaidMixtures
+    from lmctl.plan.sequence.alloy_statistics import AlloyStatistics
+    from lmctl.plan.sequence.alloy_watch import AlloyWatch
 
-@dataclass(frozen=True)
-class SequenceState:
-    """State of planning between two layers.
-
-    at_mm : (3,) the nozzle, in program coordinates; time_s : program time
-    line, path : numbers of the next line and the next path
-    mixture : (materials,) deposited last; flow_g_s : (hoppers,); None before the first bead
-    """
-
-    at_mm: FloatArray
-    time_s: float = 0.0
-    line: int = 0
-    path: int = 0
-    mixture: FloatArray | None = None
-    flow_g_s: FloatArray | None = None
+#: How often a layer is sequenced to keep alloy rules where powder comes late.
+MAX_ATTEMPTS = 12
 
 
 class LayerSequencer:
@@ -71,11 +64,13 @@ class LayerSequencer:
 
     dilution : compensates for it; None: beads are taken to be of what is fed
     stack : how the layers of a flattened part lie (`part.substrate`); None: level
+    mixtures : what alloy rules leave, where the part has rules
     """
 
     def __init__(
         self, part_name: str, process: ProcessSettings, recipe: Recipe, profile: MachineProfile,
         dilution: DilutionCompensation | None = None, stack: LayerStack | None = None,
+        mixtures: LaidMixtures | None = None,
     ) -> None:
         self._dilution = dilution
         self._stack = stack
@@ -104,6 +99,16 @@ class LayerSequencer:
         self.dilution_statistics = DilutionStatistics(
             (*(material.name for material in recipe.materials), "substrate"))
         self.samples = SampledLayers()
+        self._watch: AlloyWatch | None = None
+        if mixtures is not None:
+            from lmctl.plan.sequence.alloy_watch import AlloyWatch  # late: most parts have no rules
+
+            self._watch = AlloyWatch(mixtures, self._mixtures, process.fraction_step)
+
+    @property
+    def alloy_statistics(self) -> AlloyStatistics | None:
+        """What alloy rules changed so far; None where there are no rules."""
+        return None if self._watch is None else self._watch.statistics
 
     @property
     def duration_s(self) -> float:
@@ -125,6 +130,8 @@ class LayerSequencer:
         power that S words cannot express.
         """
         number = geometry.layer - placement.skipped
+        if self._watch is not None and geometry.n_tracks:
+            geometry = self._watch.cut(geometry)
         geometry = self._compensated(geometry, number)
         if self._leads and self._process.strategy != "iso-3d":
             cut = cut_tracks(geometry, self._recipe)
@@ -134,11 +141,16 @@ class LayerSequencer:
             geometry, number, self._state.at_mm[:2] - placement.offset_mm[:2], self._state.mixture,
             self._process.fraction_step, self._change_s, self._process.seam)
         drape = self._drape(number, placement)
+        wait_s = None
+        if self._watch is not None and tracks.n_tracks:
+            tracks, wait_s = self._under_alloy_rules(
+                number, tracks, placement, drape, self._watch, is_last=is_last)
         beads = self._beads(number, tracks, drape)
         self.statistics.add_beads(number, geometry, beads)
         nozzle_mm = placement.nozzle_height_mm(number) if drape is None else drape.highest_mm()
         self._cross_mm = self._state.at_mm[2] + self._travel.clearance_mm if clears_all else None
-        moves, durations = self._timed_moves(number, beads, placement, drape, is_last=is_last)
+        moves, durations = self._timed_moves(
+            number, beads, placement, drape, wait_s, is_last=is_last)
         state = self._state
         end_s = state.time_s + np.cumsum(durations)
         flow = self._flow(moves, beads, end_s)
@@ -176,6 +188,32 @@ class LayerSequencer:
         for along in layers:
             self.statistics.add_mixture(along)
             self.samples.add(along)
+            if self._watch is not None:
+                self._watch.check(along)
+
+    def _under_alloy_rules(
+        self, number: int, tracks: OrderedTracks, placement: Placement, drape: LayerDrape | None,
+        watch: AlloyWatch, *, is_last: bool,
+    ) -> tuple[OrderedTracks, FloatArray]:
+        """Tracks, and time beside what powder needs before each, that lay nothing forbidden."""
+        where = f"layer {number + 1}"
+        if self._process.strategy != "iso-3d":
+            tracks = watch.cut_between_levels(tracks, where)
+        wait_s = np.zeros(tracks.n_tracks)
+        for _ in range(MAX_ATTEMPTS if self._leads else 0):
+            beads, state = self._beads(number, tracks, drape), self._state
+            moves, durations = self._timed_moves(
+                number, beads, placement, drape, wait_s, is_last=is_last)
+            end_s = state.time_s + np.cumsum(durations)
+            flow = self._flow(moves, beads, end_s)
+            self._state = state
+            pieces = bead_pieces(0, 0.0, tracks, moves, state.at_mm, state.time_s, end_s,
+                                 placement.offset_mm)
+            mended = watch.mended(tracks, wait_s, pieces, moves, end_s, flow)
+            if mended is None:
+                break
+            tracks, wait_s = mended
+        return tracks, wait_s
 
     def _beads(
         self, number: int, tracks: OrderedTracks, drape: LayerDrape | None
@@ -189,7 +227,9 @@ class LayerSequencer:
         beads = make_beads(
             tracks, self._mixtures, self._process.fraction_step, self._longest_s,
             max_speed_mm_s, f"layer {number + 1}",
-            leads=self._leads, uniform=self._process.strategy == "iso-3d")
+            leads=self._leads, uniform=self._process.strategy == "iso-3d",
+            allowed=None if self._watch is None or tracks.melted is not None
+            else self._watch.allowed_levels)
         if drape is None:
             return beads
         return replace(beads, width_mm=beads.width_mm / drape.stretch(beads.points_mm))
@@ -207,7 +247,7 @@ class LayerSequencer:
 
     def _timed_moves(
         self, number: int, beads: Beads | None, placement: Placement, drape: LayerDrape | None,
-        *, is_last: bool,
+        wait_s: FloatArray | None, *, is_last: bool,
     ) -> tuple[Moves, FloatArray]:
         """The layer's lines and how long each lasts."""
         start, motion = self._state.at_mm, self._profile.motion
@@ -230,7 +270,9 @@ class LayerSequencer:
         moves = rounded_to_program_steps(moves, start)
         self._check_reach(number, moves)
         if self._leads and beads is not None:
-            moves = with_time_for_powder(moves, start, motion, self._needed_s(beads))
+            needed_s = self._needed_s(beads)
+            moves = with_time_for_powder(
+                moves, start, motion, needed_s if wait_s is None else needed_s + wait_s)
         moves, durations = split_long_lines(moves, start, motion, self._longest_s)
         parts, lasting = [moves], [durations]
         if self._state.line == 0:

@@ -97,7 +97,8 @@ def _cut_at(geometry: LayerGeometry, at: IntArray) -> LayerGeometry:
         starts=np.concatenate([[0], np.cumsum(size)]).astype(np.intp),
         is_closed=np.array(closed, dtype=np.bool_), island=geometry.island[tracks],
         is_directed=None if directed is None else directed[tracks],
-        copy=None if geometry.copy is None else geometry.copy[tracks])
+        copy=None if geometry.copy is None else geometry.copy[tracks],
+        designed=None if geometry.designed is None else geometry.designed[vertex])
 
 
 @kernel

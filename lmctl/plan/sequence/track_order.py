@@ -38,6 +38,7 @@ class OrderedTracks:
     fractions : (n, materials) float64, to be fed: the part's material field, or what makes up for
         dilution
     melted : what beads melt of the layer below, where dilution is compensated
+    designed : (n, materials) float64, the part file's own mixture; None without alloy rules
     starts : (m + 1,) intp, track k is vertices starts[k] to starts[k + 1]
     along_mm : (n,) float64, rising strictly from track to track: length along each track from
         `TRACK_GAP_MM` beyond the end of the one before, so that one array of lengths addresses
@@ -50,6 +51,7 @@ class OrderedTracks:
     starts: IndexArray
     along_mm: FloatArray
     melted: MeltedBelow | None = None
+    designed: FloatArray | None = None
 
     @property
     def n_tracks(self) -> int:
@@ -176,4 +178,5 @@ def _in_order(
     return OrderedTracks(
         points, geometry.strip_width_mm[vertices], geometry.fractions[vertices], starts,
         arc_lengths_mm(points, starts, TRACK_GAP_MM),
-        None if geometry.melted is None else geometry.melted.at_vertices(vertices))
+        None if geometry.melted is None else geometry.melted.at_vertices(vertices),
+        None if geometry.designed is None else geometry.designed[vertices])

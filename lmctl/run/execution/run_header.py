@@ -41,6 +41,8 @@ def run_header(
             for h in hoppers
         ],
         **({} if used is None else {"calibration": used.as_json()}),
+        **({} if not manifest.totals.get("alloy_rules") else {
+            "alloy_rules": [_alloy_rule(rule) for rule in manifest.totals["alloy_rules"]]}),
     }
 
 
@@ -49,6 +51,11 @@ def local_header(run: str, profile: MachineProfile) -> dict[str, Any]:
     endpoints = {feeder.name: feeder.endpoint for feeder in profile.feeder}
     return {"run": run, "wall": wall_stamp(), "uid": os.getuid(), "pid": os.getpid(),
             "endpoints": {"motion": profile.motion.endpoint, **endpoints}}
+
+
+def _alloy_rule(rule: dict[str, Any]) -> dict[str, Any]:
+    """A rule of the job's totals without the mixtures of its ways round."""
+    return {key: rule.get(key) for key in ("name", "reason", "changed_mm", "changed_by")}
 
 
 def _earlier_run(continues: EarlierRun) -> dict[str, Any]:
