@@ -6,7 +6,9 @@ with a mixture within ±0.02 of the part's own at that place (what is not deposi
 wrong), and the share of the deposited volume within ±0.03 (`volume_…`), by the simulated process
 without dilution. The cell's profile is the truth, but for `box_theta`: both dead times 0.5 s
 longer than it says. `time_…` is program time over that of the plan before there were strategies
-(TODAY_S). `dwell_over_ours` is the blade's plan with 30 s of dwell at each change of mixture.
+(TODAY_S). `dwell_over_ours` is the blade's own job with 30 s of dwell at each change of mixture in
+place of its slow travel; `dwell_uncut_over_ours` a plan in mode "dwell", which neither cuts nor
+slows tracks whose mixture powder cannot follow.
 `forbidden` and `detour` are about alloy rules (`mixture_rows/alloy_rows.py`).
 
 Prints one JSON object; names of rows choose some of them.
@@ -23,7 +25,7 @@ from pathlib import Path
 from typing import Any
 
 from tests.benchmarks.mixture_rows.alloy_rows import detour, forbidden_points
-from tests.benchmarks.mixture_rows.as_built import build, duration_s
+from tests.benchmarks.mixture_rows.as_built import build, duration_s, dwelling_s
 from tests.benchmarks.mixture_rows.parts import write_part
 from tests.benchmarks.mixture_rows.standoff import standoff_row
 
@@ -70,9 +72,10 @@ def _row(name: str, folder: Path) -> dict[str, Any]:
     if as_built.volume_share is not None:
         row[f"volume_{_WITH_VOLUME[name]}"] = round(as_built.volume_share, 4)
     if name == "blade":
-        dwelling_s = duration_s(
-            file, strategy=totals["strategy"], powder="dwell", dwell_s=_DWELL_S)
-        row["dwell_over_ours"] = round(dwelling_s / totals["duration_s"], 2)
+        same_s = dwelling_s(file.with_suffix(".lmj"), _DWELL_S)
+        row["dwell_over_ours"] = round(same_s / totals["duration_s"], 2)
+        uncut_s = duration_s(file, strategy=totals["strategy"], powder="dwell", dwell_s=_DWELL_S)
+        row["dwell_uncut_over_ours"] = round(uncut_s / totals["duration_s"], 2)
     return row
 
 

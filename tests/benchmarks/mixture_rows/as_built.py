@@ -11,7 +11,8 @@ import numpy as np
 
 from lmctl.cli.bench import replace_endpoints
 from lmctl.config.machine import load_profile
-from lmctl.job.schema import JobManifest
+from lmctl.job.reader import JobReader
+from lmctl.job.schema import JobManifest, LineKind
 from lmctl.part.load import load_part
 from lmctl.part.part import Part
 from lmctl.plan.execution import usable_cores
@@ -25,6 +26,8 @@ from simulators.process import ProcessConfig, VoxelMap, build_from_record
 
 EXAMPLES = files("lmctl.examples")
 PATH_TOLERANCE, VOLUME_TOLERANCE = 0.02, 0.03
+#: A difference of volume fraction that is a change of mixture, and time to reach travel speed [s].
+_CHANGE_FRACTION, _TO_SPEED_S = 0.004, 0.1
 #: Beads are of the planned width, and nothing is melted again: what the plan places is judged.
 PROCESS = ProcessConfig(max_power_W=3000, bead_width_mm=2.0, power_W=1500, speed_mm_s=10)
 
@@ -69,6 +72,30 @@ def duration_s(file: Path, **process: object) -> float:
     part = load_part(file)
     part = replace(part, process=part.process.model_copy(update=process))
     return float(plan_job(part, profile(), file.with_suffix(".lmj")).totals["duration_s"])
+
+
+def dwelling_s(job: Path, dwell_s: float) -> float:
+    """Program time of the same job with a dwell at each of its changes of mixture.
+
+    Where ours travels slowly, so that powder has time, the nozzle travels at its speed and dwells.
+    """
+    with JobReader(job) as reader:
+        lines = np.concatenate([layer.lines for layer in reader.iterate_layers()])
+    travel_mm_s = float(lines["speed_mm_s"][lines["kind"] == LineKind.TRAVEL].max())
+    lasting_s = np.diff(lines["end_s"], prepend=0.0)
+    place = np.column_stack([lines[axis] for axis in ("x_mm", "y_mm", "z_mm")])
+    length_mm = np.linalg.norm(np.diff(place, axis=0, prepend=place[:1]), axis=1)
+    bead = np.flatnonzero(lines["kind"] == LineKind.BEAD)
+    before, after = bead[:-1], bead[1:]
+    change = np.abs(lines["fractions"][after] - lines["fractions"][before]).max(axis=1)
+    other = (lines["path"][after] != lines["path"][before]) & (change > _CHANGE_FRACTION)
+    total_s = float(lines["end_s"][-1])
+    for last, first in zip(before[other], after[other], strict=True):
+        own = np.arange(last + 1, first)
+        travels = own[lines["kind"][own] == LineKind.TRAVEL]
+        quick_s = length_mm[travels].sum() / travel_mm_s + _TO_SPEED_S * len(travels)
+        total_s += dwell_s - max(float(lasting_s[travels].sum() - quick_s), 0.0)
+    return total_s
 
 
 def recorded_run(job: Path, late_s: float = 0.0) -> BenchRecord:
