@@ -6,11 +6,14 @@ from importlib import resources
 from pathlib import Path
 
 from lmctl.errors import UsageError
+from lmctl.reference.schema_files import schema_file
 
 #: Name of each template and what it is, in one line.
 TEMPLATES: dict[str, str] = {
     "gear": "a spur gear from a scan, graded by distance from its axis",
     "box": "a block with a hard skin, graded by depth below its own surface",
+    "two-bodies": "a shaft with a hard ring: two bodies, each of its own material",
+    "three-powders": "a bar graded through three powders, with a cell of three hoppers",
     "sphere": "half a ball, graded by distance from its centre",
     "cutter": "a boring cutter, steel to carbide along its axis, built along x",
     "cutter-parabolic": "the same, by a parabola",
@@ -37,20 +40,33 @@ TEMPLATES: dict[str, str] = {
 
 #: The simulated cell, whose files accompany every template.
 CELL_FILES = ("cell.toml", "bench.toml")
+#: Cells of templates that need another one: the examples that are written as cell.toml, bench.toml.
+_OWN_CELLS = {"three-powders": ("cell-three.toml", "bench-three.toml")}
+#: Folder of the JSON schemas beside a template, which the first line of each file names.
+SCHEMA_FOLDER_NAME = "schemas"
+
+
+#: Kinds of a template's files, in their order.
+_KINDS = ("part", "machine", "bench")
 
 
 def write_template(name: str, folder: Path) -> list[Path]:
     """Write a template and copies of the simulated cell's files into an existing folder.
 
-    Files of these names that are there already are replaced.
-    returns : what was written, the part file first
+    Files of these names that are there already are replaced. The first line of each names its JSON
+    schema, in a folder beside it, so that editors complete and check keys.
+    returns : what was written but for the schemas, the part file first
     raises : UsageError where the folder cannot be written to
     """
-    names = [f"{name}.toml", *CELL_FILES]
-    written = [folder / file for file in names]
+    part = f"{name}.toml"
+    written = [folder / file for file in (part, *CELL_FILES)]
+    sources = (part, *_OWN_CELLS.get(name, CELL_FILES))
     try:
-        for path in written:
-            path.write_text(_text(path.name), encoding="utf-8")
+        (folder / SCHEMA_FOLDER_NAME).mkdir(exist_ok=True)
+        for path, source, kind in zip(written, sources, _KINDS, strict=True):
+            schema = f"{SCHEMA_FOLDER_NAME}/{kind}.json"
+            (folder / schema).write_text(schema_file(kind).read_text("utf-8"), encoding="utf-8")
+            path.write_text(f"#:schema {schema}\n{_text(source)}", encoding="utf-8")
         if name == "gear":
             from lmctl.examples.gear_cloud import write_gear_cloud  # with numpy, for the gear alone
 

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+
+import pytest
 
 from lmctl.examples.templates import TEMPLATES
 
@@ -32,9 +35,35 @@ def test_a_template_goes_into_the_folder_that_is_named(
 ) -> None:
     assert lmctl("init", "box", "a/b").code == 0
     assert sorted(path.name for path in (tmp_path / "a" / "b").iterdir()) == [
-        "bench.toml", "box.toml", "cell.toml"]
+        "bench.toml", "box.toml", "cell.toml", "schemas"]
     assert lmctl("init", "box").code == 0
     assert (tmp_path / "box" / "box.toml").is_file()
+
+
+def test_the_first_line_of_a_template_names_its_schema(
+    lmctl: Callable[..., Any], tmp_path: Path
+) -> None:
+    assert lmctl("init", "box", ".").code == 0
+    for name, title in (("box", "the part file"), ("cell", "the machine profile"),
+                        ("bench", "the simulated cell")):
+        first = (tmp_path / f"{name}.toml").read_text().partition("\n")[0]
+        marker, path = first.split()
+        assert marker == "#:schema"
+        assert json.loads((tmp_path / path).read_text())["title"] == title
+
+
+@pytest.mark.parametrize("name", ["two-bodies", "three-powders"])
+def test_a_template_is_planned_and_run_with_the_cell_beside_it(
+    lmctl: Callable[..., Any], name: str
+) -> None:
+    assert lmctl("init", name, ".").code == 0
+    part = Path(f"{name}.toml")
+    for high, low in (("0, 8]", "0, 1.6]"), ("0, 3.2]", "0, 0.8]"), ("0, 4]", "0, 1.6]")):
+        part.write_text(part.read_text().replace(high, low))  # layers enough
+    planned = lmctl("plan", part, "--machine", "cell.toml")
+    assert planned.code == 0, planned.talk
+    run = lmctl("run", f"{name}.lmj", "--sim", "--machine", "cell.toml", "--bench", "bench.toml")
+    assert run.code == 0, run.talk
 
 
 def test_a_case_of_the_paper_runs_to_its_end(lmctl: Callable[..., Any]) -> None:
