@@ -14,6 +14,7 @@ from lmctl.config.machine import FeederSettings
 from lmctl.errors import MachineError
 from lmctl.machine.feeder.driver import FeederDriver
 from lmctl.machine.manual.inspect_modbus import inspect_feeder
+from lmctl.run.cell.feeder_conditions import FeederSnapshot, feeder_conditions
 from simulators import virtual_time
 from simulators.feeder.config import FeederConfig
 from simulators.feeder.device import PmxFeederDevice
@@ -335,5 +336,23 @@ def test_a_profile_may_name_the_pmx_map():
             assert driver.identity.device == ""
             assert driver.identity.feed_factor_g_rev == {"A": 2.0, "B": 2.0}
         await server.close()
+
+    virtual_time.run_in_virtual_time(main())
+
+
+def test_conditions_of_a_run_claim_nothing_that_the_device_does_not_report():
+    async def main():
+        async with from_the_map(MAPS["analog"]) as (endpoint, _):
+            look = await inspect_feeder(settings(endpoint, MAPS["analog"]), hoppers())
+        reading = FeederSnapshot(look.identity, look.status, look.hopper_limits)
+        told = [one.text for one in feeder_conditions(
+            reading, settings(endpoint, MAPS["analog"]), hoppers(), send_horizon_s=1.0)]
+        assert told[0].startswith("analog feeders behind an I/O module, by its register map")
+        assert "no flow: no flow is reported: a jammed disc is not noticed" in told
+        assert sum("no watchdog" in text for text in told) == 1
+        assert "no alarm" not in told
+        for claim in ("e-stop", "lids", "switch at", "watchdog quiet", "other host",
+                      "clock runs"):
+            assert not any(claim in text for text in told), claim
 
     virtual_time.run_in_virtual_time(main())

@@ -22,7 +22,7 @@ from lmctl.machine.feeder.readings import HopperReading
 #: Number of warnings about what a device lacks; beyond those that a device reports itself.
 SUBSTITUTED = 90
 #: What is reported for as long as such a device is used, with what to do.
-_SUBSTITUTE_REMEDIES = {
+SUBSTITUTE_REMEDIES = {
     "watchdog": "see that the relay is wired and stops powder: pull this host's cable once to try",
     "gas": "open the gas before powder, and keep it open until the hose is empty",
 }
@@ -63,8 +63,8 @@ class WarningReader:
         self.alarms = alarms or {}
         self._lasting = tuple(
             FeederWarning(SUBSTITUTED, feeder, "", f"feeder {feeder} has no {feature}: {meaning}",
-                          _SUBSTITUTE_REMEDIES[feature])
-            for feature, meaning in substitutions if feature in _SUBSTITUTE_REMEDIES)
+                          SUBSTITUTE_REMEDIES[feature])
+            for feature, meaning in substitutions if feature in SUBSTITUTE_REMEDIES)
         self._feeder = feeder
         self._only = next(iter(names.values()), "") if n_hoppers == 1 else ""
         self._word = 0

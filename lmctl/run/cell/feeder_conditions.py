@@ -10,6 +10,7 @@ from firmware_protocol.pmx_alarms import EMPTY, ESTOP, hopper_alarm_code
 from lmctl.config.machine import FeederSettings, HopperSettings
 from lmctl.machine.feeder.identity import FeederIdentity
 from lmctl.machine.feeder.status import FeederStatus
+from lmctl.machine.feeder.warnings import SUBSTITUTE_REMEDIES
 from lmctl.run.cell.condition import StartCondition
 
 #: A heartbeat younger than this is another host's [s].
@@ -46,9 +47,10 @@ def feeder_conditions(
     took = ("" if reading.reply_time_s is None
             else f"; answers in {1000 * reading.reply_time_s:.0f} ms")
     yield StartCondition(True, f"{_device_text(identity)}, hoppers: {identity.n_hoppers}{took}")
-    for feature, meaning in identity.substitutions:
-        yield StartCondition(feature != "watchdog", f"no {feature}: {meaning}",
-                             "see that the relay is wired, and stopped_by_relay = true is true")
+    missing = dict(identity.substitutions)
+    for feature, meaning in missing.items():
+        if feature not in SUBSTITUTE_REMEDIES:  # those are among its warnings
+            yield StartCondition(True, f"no {feature.replace('_', ' ')}: {meaning}")
     if reading.clock_ratio is not None and identity.reports_tick:
         yield StartCondition(abs(reading.clock_ratio - 1.0) <= _CLOCK_SLACK,
                              f"its clock runs {reading.clock_ratio:.2f} times as fast as ours",
@@ -58,7 +60,9 @@ def feeder_conditions(
     if FeederStatusBits.REMOTE not in identity.unreported:
         yield StartCondition(status.mode is not FeederMode.LOCAL, f"switch at {status.mode.name}",
                              "turn it to REMOTE", refuses_run=True)
-    yield from _alarm(status)
+    if "alarm" not in missing or status.alarm is not None:
+        yield from _alarm(
+            status, has_watchdog=FeederStatusBits.WATCHDOG_TRIPPED not in identity.unreported)
     alarmed = None if status.alarm is None else status.alarm.code
     for flag, code, fine, bad, hint in (
         (FeederStatusBits.ESTOP_CHAIN_OK, ESTOP, "e-stop chain closed", "e-stop chain open",
@@ -78,10 +82,11 @@ def feeder_conditions(
     for warning in status.warnings:
         yield StartCondition(False, warning.text, warning.remedy)
     allowed_s = feeder.watchdog_s + min((h.dead_time_s for h in hoppers), default=0.0)
-    yield StartCondition(send_horizon_s < allowed_s,
-                         f"send horizon {send_horizon_s:g} s, its watchdog and least dead time "
-                         f"{allowed_s:g} s",
-                         "lower motion.send_horizon_s: beam must not outlast powder")
+    if "watchdog" not in missing:  # else the relay that stops powder stops motion, too
+        yield StartCondition(send_horizon_s < allowed_s,
+                             f"send horizon {send_horizon_s:g} s, its watchdog and least dead "
+                             f"time {allowed_s:g} s",
+                             "lower motion.send_horizon_s: beam must not outlast powder")
     for hopper in hoppers:
         yield from _hopper(reading, hopper)
 
@@ -110,7 +115,7 @@ def _alone(status: FeederStatus) -> StartCondition:
                           "end what it runs, then start this one")
 
 
-def _alarm(status: FeederStatus) -> Iterator[StartCondition]:
+def _alarm(status: FeederStatus, *, has_watchdog: bool) -> Iterator[StartCondition]:
     """The latched alarm; a watchdog trip is named by itself where it is not that alarm."""
     alarm = status.alarm
     if alarm is not None:
@@ -118,6 +123,8 @@ def _alarm(status: FeederStatus) -> Iterator[StartCondition]:
                              refuses_run=True)
         return
     yield StartCondition(True, "no alarm")
+    if not has_watchdog:
+        return
     tripped = FeederStatusBits.WATCHDOG_TRIPPED in status.flags
     yield StartCondition(not tripped, "watchdog " + ("tripped" if tripped else "quiet"),
                          "`lmctl machine unlock`", refuses_run=True)
