@@ -137,3 +137,38 @@ def test_names_fit_on_a_line_and_command_no_terminal(name):
 def test_names_may_be_in_any_script():
     text = TEXT.replace('name = "bench cell"', 'name = "Zelle für Grün ☃"')
     assert toml_file.parse_toml(text, MachineProfile, name="cell.toml").name == "Zelle für Grün ☃"
+
+
+DILUTION = "[[dilution]]\nshare = 0.2\n"
+
+
+@pytest.mark.parametrize(
+    ("more", "path", "reason"),
+    [
+        ("[[dilution]]\nshare = 20\n", "dilution[1].share", "at most 0.8"),
+        ("[[dilution]]\nshare = 0.2\nlow = 0.1\n", "dilution[1]", "one of low and high"),
+        ("[[dilution]]\nshare = 0.2\nlow = 0.25\nhigh = 0.3\n", "dilution[1]", "is not within"),
+        (DILUTION + DILUTION, "", "two dilutions of all powders: each must state its energy_J_mm"),
+        (DILUTION + 'material = "316L"\n' + DILUTION + 'material = "316L"\nenergy_J_mm = 150\n', "",
+         "two dilutions of 316L"),
+        ('[[mixture_catch]]\nefficiency = 0.6\nmass_shares = { A = 0.5, B = 0.2 }\n',
+         "mixture_catch[1]", "do not add up to 1"),
+        ('[[mixture_catch]]\nefficiency = 0.6\nmass_shares = { A = 0.5, B = 0.3, C = 0.2 }\n',
+         "mixture_catch[1]", "of two powders, not of 3"),
+        ('[[mixture_catch]]\nefficiency = 60\nmass_shares = { A = 0.5, B = 0.5 }\n',
+         "mixture_catch[1].efficiency", "at most 1"),
+    ],
+)
+def test_dilution_and_catch_of_mixtures_that_cannot_be(more, path, reason):
+    ((where, why),) = findings(("[laser]", more + "[laser]"))
+    assert where == path
+    assert reason in why
+
+
+def test_dilutions_of_several_energies_and_powders_are_read():
+    more = "".join(
+        f'[[dilution]]\nshare = {share}\nenergy_J_mm = {energy}\nmaterial = "{name}"\n'
+        for name, share, energy in (("316L", 0.2, 150), ("316L", 0.3, 200), ("WC-12Co", 0.2, 150)))
+    profile = toml_file.parse_toml(TEXT.replace("[laser]", more + "[laser]"), MachineProfile,
+                                   name="cell.toml")
+    assert [one.energy_J_mm for one in profile.dilution] == [150.0, 200.0, 150.0]

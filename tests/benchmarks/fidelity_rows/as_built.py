@@ -168,10 +168,11 @@ def lmctl_text(*arguments: object) -> None:
         raise RuntimeError(f"lmctl {' '.join(map(str, arguments))}: {code}\n{told.getvalue()}")
 
 
-def write_process_bench(folder: Path, dilution: float) -> Path:
-    """The shipped bench with a process."""
+def write_process_bench(folder: Path, dilution: float, more: str = "") -> Path:
+    """The shipped bench with a process. more : keys of its table"""
     bench = folder / "bench.toml"
-    bench.write_text((SHIPPED / "bench.toml").read_text() + PROCESS.format(dilution=dilution))
+    bench.write_text(
+        (SHIPPED / "bench.toml").read_text() + PROCESS.format(dilution=dilution) + more)
     return bench
 
 
