@@ -50,6 +50,9 @@ def part_figure(part: Part, at_mm: Places) -> Figure:
     """Three planes of a part, distance above composition; at_mm : as `draw_part` takes it."""
     low, high = part.bounds_mm
     middle = 0.5 * (low + high)
+    if part.substrate_surface is not None:  # half-way up in what is deposited
+        surface_mm = float(part.substrate_surface.heights.height_mm(middle[None, :2])[0])
+        middle[2] = 0.5 * (max(surface_mm, float(low[2])) + high[2])
     figure = Figure(dpi=130)
     axes = figure.subplots(2, 4)
     planes = [
