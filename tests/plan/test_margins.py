@@ -289,7 +289,7 @@ def test_with_a_calibration_the_range_is_stated_and_what_it_hangs_on(
     assert margins["most_sensitive_to"][0]["path"] <= margins["path"]["predicted"]
     assert margins["at_worst"]
     (text,) = [one["text"] for one in manifest.verdict if "as predicted" in one["text"]]
-    assert "most sensitive to hopper" in text
+    assert "counts most is hopper" in text
 
 
 def test_a_mixture_too_steep_for_its_beads_is_named_with_its_place(make_part, profile, tmp_path):

@@ -12,6 +12,8 @@ from lmctl.plan.margins.worst_case import WorstCase
 _GOOD_SHARE = 0.99
 #: Of a volume that beads cannot carry this share is worth a word.
 _UNRESOLVED_SHARE = 0.01
+#: Shares that differ by less are the same in print.
+_NO_CHANGE = 5e-4
 #: A remedy is named where it gains so much.
 _WORTH_A_WORD = 0.01
 
@@ -50,17 +52,22 @@ def _mixture(margins: MixtureMargins) -> Iterator[str]:
 
 
 def _within_intervals(margins: MixtureMargins, case: WorstCase) -> Iterator[str]:
-    yield (f"; within the calibration's intervals {margins.usual:.1%} of the path in 95 of 100 "
-           f"cells, {margins.path.worst:.1%} (volume {margins.volume.worst:.1%}) at worst")
+    path = margins.path
+    assert margins.usual is not None, "there are intervals"
+    assert path.worst is not None, "there are intervals"
+    if min(path.worst, margins.usual) > path.predicted - _NO_CHANGE:
+        yield "; as much of the path anywhere within the intervals that are known"
+        return
+    yield (f"; within the intervals that are known {margins.usual:.1%} of the path in 95 of 100 "
+           f"cells, {path.worst:.1%} (volume {margins.volume.worst:.1%}) at worst")
     first = case.alone[0]
-    yield f"; most sensitive to {first.text}: alone {first.share:.1%} of the path"
-    if case.without:
+    if first.share < case.planned - _NO_CHANGE:
+        yield f"; most sensitive to {first.text}: alone {first.share:.1%} of the path"
+    if len(case.without) > 1:
         text = " and ".join(one.text for one in case.without[:2])
         yield (f"; at worst {len(case.without)} values are at an end of their interval, and what "
                f"counts most is {text}")
-    if margins.known_better is not None and margins.path.worst is not None and (
-        margins.known_better > margins.path.worst + _WORTH_A_WORD
-    ):
+    if margins.known_better is not None and margins.known_better > path.worst + _WORTH_A_WORD:
         yield f"; with all intervals half as wide {margins.known_better:.1%} at worst"
 
 

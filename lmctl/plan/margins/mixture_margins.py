@@ -49,7 +49,7 @@ _NEARBY_MM = 0.25
 #: Intervals so much narrower are tried as a remedy.
 _TWICE_AS_WELL = 0.5
 #: Cells drawn from the intervals, and the share of them that does worse than what is stated.
-_DRAWS = 60
+_DRAWS = 40
 _USUAL_QUANTILE = 0.05
 
 

@@ -62,7 +62,7 @@ def iso_composition_margins(
     if part.process.strategy in (_STRATEGY, "iso-3d") or placement.n_layers < _ONE_IN:
         return None
     other = replace(part, process=part.process.model_copy(update={
-        "strategy": _STRATEGY, "region": ()}))
+        "strategy": _STRATEGY, "region": ()}), copies=())  # one copy tells
     middle = placement.n_layers // 2
     recipe = recipe_of(other, profile, placement.layer_height_mm)
     sequencer = LayerSequencer(other.name, other.process, recipe, profile,

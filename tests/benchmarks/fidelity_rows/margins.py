@@ -5,11 +5,14 @@ nozzle is compared with the part's own composition at the nozzle's place: the bu
 beam-on path within ±0.02. The feeders are steady: how far noise reaches is no part of the range.
 
 Profile = truth: verdict_within_0.01, parts whose predicted share is within ±0.01 of the built one;
-verdict_worst_off, the greatest difference. Hidden truth: one cell measures itself over the wires
-(`feeder-test` with 3 % noise, `catch-test`); each part is then built on a cell whose dead times,
-lags, slopes, offsets and catches are drawn evenly from the measured intervals: verdict_covered,
-parts whose stated range holds the built share; verdict_range_median, the median width of the range;
-verdict_usual_covered, parts that reach what the plan says 95 of 100 cells do.
+verdict_worst_off, the greatest difference; verdict_volume_median_off, verdict_volume_worst_off, the
+same by volume within ±0.03, against the simulated process without dilution.
+
+Hidden truth: one cell measures itself over the wires (`feeder-test` with 3 % noise, `catch-test`);
+each part is then built on a cell whose dead times, lags, slopes, offsets and catches are drawn
+evenly from the measured intervals: verdict_covered, parts whose stated range holds the built share;
+verdict_range_median, the median width of the range; verdict_usual_covered, parts that reach what
+the plan says 95 of 100 cells do.
 
     python -m tests.benchmarks.fidelity_rows.margins [FIRST LAST]
 """
@@ -31,10 +34,13 @@ from lmctl.config.machine import MachineProfile
 from lmctl.job.reader import JobReader
 from lmctl.job.schema import JobManifest
 from lmctl.part.load import load_part
+from lmctl.part.part import Part
 from lmctl.plan.planner import plan_job
 from lmctl.run.executor import RunExecutor
 from simulators import virtual_time
 from simulators.bench import Bench
+from simulators.bench_record import BenchRecord
+from simulators.process import build_from_record
 from tests.benchmarks.fidelity_rows.hidden_cell import (
     NOISE,
     SHIPPED,
@@ -44,6 +50,7 @@ from tests.benchmarks.fidelity_rows.hidden_cell import (
     write_cell,
 )
 from tests.benchmarks.fidelity_rows.self_measured import MATERIALS
+from tests.benchmarks.mixture_rows.as_built import PROCESS, volume_share
 
 PARTS = 30
 TOLERANCE, NEAR = 0.02, 0.01
@@ -57,13 +64,15 @@ def rows(parts: int = PARTS) -> dict[str, float | int]:
 def rows_of(seeds: range) -> dict[str, float | int]:
     """The rows for some of the parts."""
     true = [_true(seed) for seed in seeds]
-    off = [abs(predicted - share) for predicted, share in true]
+    off, volume_off = [one[0] for one in true], [one[1] for one in true]
     with tempfile.TemporaryDirectory() as name:
         cell, calibration = _self_measured(Path(name))
         hidden = [_hidden(seed, cell, calibration) for seed in seeds]
     return {
         "verdict_within_0.01": sum(one <= NEAR for one in off),
         "verdict_worst_off": round(max(off), 4),
+        "verdict_volume_median_off": round(statistics.median(volume_off), 4),
+        "verdict_volume_worst_off": round(max(volume_off), 4),
         "verdict_covered": sum(
             path["worst"] <= share <= path["best"] for path, _, share in hidden),
         "verdict_range_median": round(statistics.median(
@@ -121,8 +130,9 @@ min_built_fraction = 0.5
 
 
 def built(folder: Path, text: str, profile: MachineProfile, bench: Path) -> tuple[
-    JobManifest, float]:
-    """Plan and run a part; its manifest, and the share of its beam-on path with its mixture."""
+    JobManifest, float, Part, BenchRecord]:
+    """Plan and run a part; its manifest, the share of its beam-on path with its mixture, the part,
+    and the record of what was built."""
     file = folder / "part.toml"
     file.write_text(text)
     part, job = load_part(file), folder / "part.lmj"
@@ -135,7 +145,8 @@ def built(folder: Path, text: str, profile: MachineProfile, bench: Path) -> tupl
             await RunExecutor(job, wired, folder / "runs").run()
         return cell
 
-    path = virtual_time.run_in_virtual_time(whole()).record.beam_on_path()
+    record = virtual_time.run_in_virtual_time(whole()).record
+    path = record.beam_on_path()
     with JobReader(job) as reader:
         offset_mm = np.array(reader.manifest.part_offset_mm)
     half_mm = manifest.totals["layer_height_mm"] / 2
@@ -143,19 +154,26 @@ def built(folder: Path, text: str, profile: MachineProfile, bench: Path) -> tupl
     order = [path.materials.index(material.name) for material in part.materials]
     wanted = np.zeros_like(path.fractions)
     wanted[:, order] = designed
-    return manifest, float(path.length_fraction_within_tolerance(wanted, TOLERANCE))
+    share = float(path.length_fraction_within_tolerance(wanted, TOLERANCE))
+    return manifest, share, part, record
 
 
 def _true(seed: int) -> tuple[float, float]:
+    """How far the predicted shares of path and volume are from what is built, profile = truth."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         cell = folder / "cell.toml"
         cell.write_text((SHIPPED / "cell.toml").read_text())
         bench = write_bench(folder, [{}, {}])
-        manifest, share = built(folder, part_text(seed), load_profile_or_default(cell), bench)
-    predicted = float(manifest.totals["mixture_share"])
-    print(seed, predicted, round(share, 4), round(predicted - share, 4), file=sys.stderr)
-    return predicted, share
+        manifest, share, part, record = built(
+            folder, part_text(seed), load_profile_or_default(cell), bench)
+    margins = manifest.totals["margins"]
+    found = build_from_record(record, PROCESS)
+    assert found is not None, "something was deposited"
+    off = margins["path"]["predicted"] - share
+    volume_off = margins["volume"]["predicted"] - volume_share(part, manifest, found)
+    print(seed, round(share, 4), round(off, 4), round(volume_off, 4), file=sys.stderr)
+    return abs(off), abs(volume_off)
 
 
 def _self_measured(folder: Path) -> tuple[Path, Calibration]:
@@ -177,7 +195,7 @@ def _hidden(seed: int, cell: Path, calibration: Calibration) -> tuple[
              for hopper in profile.hopper]
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        manifest, share = built(folder, part_text(seed), profile, write_bench(folder, truth))
+        manifest, share, _, _ = built(folder, part_text(seed), profile, write_bench(folder, truth))
     margins = manifest.totals["margins"]
     path, usual = margins["path"], margins["path_95_of_100"]
     print(seed, path, usual, round(share, 4), file=sys.stderr)

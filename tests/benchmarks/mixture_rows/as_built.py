@@ -64,7 +64,7 @@ def build(file: Path, *, late_s: float = 0.0, volume: bool = False) -> AsBuilt:
     record = recorded_run(job, late_s)
     share = _path_share(part, manifest, record)
     built = build_from_record(record, PROCESS) if volume else None
-    return AsBuilt(manifest, share, None if built is None else _volume_share(part, manifest, built))
+    return AsBuilt(manifest, share, None if built is None else volume_share(part, manifest, built))
 
 
 def duration_s(file: Path, **process: object) -> float:
@@ -126,7 +126,7 @@ def _part_places(manifest: JobManifest, position_mm: np.ndarray) -> np.ndarray:
     return places
 
 
-def _volume_share(part: Part, manifest: JobManifest, built: VoxelMap) -> float:
+def volume_share(part: Part, manifest: JobManifest, built: VoxelMap) -> float:
     """Of what was deposited in voxels whose middle lies in the part."""
     shape = np.array(built.deposited_mm3.shape[1:])
     index = np.indices(shape).reshape(3, -1).T
