@@ -13,6 +13,7 @@ from lmctl.cli.interrupts import interruptible
 from lmctl.config.machine import MachineProfile
 from lmctl.config.measuring import calibration_text
 from lmctl.errors import UsageError
+from lmctl.job.dilution_text import dilution_text
 from lmctl.job.margins_text import margins_text
 
 if TYPE_CHECKING:
@@ -102,6 +103,8 @@ def job_summary(manifest: JobManifest, target: Path) -> str:
         lines[1:1] = [f"  copies    {len(copies)}, {order}; shares built hold for each"]
     lines[4:4] = [f"  tracks    {found['text'].removeprefix('strategy ')}"
                   for found in manifest.verdict if found["text"].startswith("strategy")]
+    if dilution := dilution_text(totals, len(manifest.materials)):
+        lines.insert(-1, f"  dilution  {dilution}")
     if margins := margins_text(totals):
         lines.insert(-1, f"  mixture   {margins}")
     lines += [f"  alloy     {found['text']}" for found in manifest.verdict

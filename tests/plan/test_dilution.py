@@ -13,7 +13,7 @@ from lmctl.part.materials.powders import MaterialSpec
 from lmctl.plan.dilution import DilutionCompensation, dilution_law
 from lmctl.plan.dilution.compensation import nearest_mixtures
 from lmctl.plan.geometry import LayerFigures, LayerGeometry
-from lmctl.plan.planner import plan_job
+from lmctl.plan.planner import PlanOptions, plan_job
 from lmctl.plan.recipe import make_recipe
 from tests.plan.planned_jobs import layers_of
 
@@ -210,3 +210,23 @@ def test_an_unknown_plate_is_said_to_be_unknown(planned):
     manifest, layers = planned(substrate=None)
     assert second_powder(layers[0]) == pytest.approx(0.5, abs=0.011)
     assert any("[substrate] material" in text for text in manifest.totals["warnings"])
+
+
+def test_a_layer_without_tracks_between_others_breaks_nothing(tmp_path, make_part, profile):
+    """A waist too narrow for a bead: its layer has a slice and no tracks."""
+    def outline(z_mm):
+        half = 0.3 if 0.8 < z_mm < 1.6 else 8.0
+        return [np.array([[-half, -half], [half, -half], [half, half], [-half, half],
+                          [-half, -half]])]
+
+    part = make_part(outline, lambda p: 0.5, height_mm=2.4, turning_mm=(0.8, 1.6),
+                     substrate=SubstrateSettings(material="316L"),
+                     process=ProcessSettings(min_built_fraction=0.0))
+    cell = profile.model_copy(update={"dilution": (stated(0.2),)})
+    manifest = plan_job(part, cell, tmp_path / "a.lmj",
+                        options=PlanOptions(allow_incomplete=True, allow_overhang=True))
+    _, layers = layers_of(tmp_path / "a.lmj")
+    assert len(layers) == 3
+    assert not (layers[1].lines["kind"] == LineKind.BEAD).any()
+    assert second_powder(layers[2]) == pytest.approx(0.5, abs=0.011)
+    assert manifest.totals["dilution"]["compensated_fraction"] == 1.0

@@ -67,7 +67,7 @@ def layer_geometry(part: Part, placement: Placement, layer: int) -> LayerGeometr
         made = _with_thickness(made, part.layer_stack)
     if part.alloy_rules is not None:
         made = _under_alloy_rules(part, made)
-    if process.dilution == "ignore" or number == 0:
+    if process.dilution == "ignore" or number == 0 or not lines:
         return made
     points = made.points_mm
     below_mm = np.full(len(points), placement.cut_height_mm(layer - 1))
