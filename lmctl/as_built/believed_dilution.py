@@ -78,6 +78,9 @@ def with_melted_below(
     below[:, : len(part.materials)] = part.composition(under_mm - [0.0, 0.0, layer_mm])
     first_z_mm = job.manifest.layers[0].z_mm - job.manifest.part_offset_mm[2]
     on_substrate = under_mm[:, 2] < first_z_mm
+    if part.substrate_surface is not None:  # the first layer is no height, but the lowest over it
+        heights = part.substrate_surface.heights
+        on_substrate = under_mm[:, 2] - heights.height_mm(under_mm[:, :2]) < layer_mm
     share = np.full(len(delivered), float(believed["share"]))
     alloy = part.substrate.material
     if alloy is None:

@@ -123,3 +123,22 @@ def test_a_strip_on_a_shaft_is_compared_without_the_shaft(lmctl, tmp_path):
 def _cap(radius: float) -> float:
     """Area between a round and its axis over 16 mm of width."""
     return 8 * math.sqrt(radius**2 - 64) + radius**2 * math.asin(8 / radius)
+
+
+def test_dilution_from_a_shaft_is_in_the_first_layer_only(lmctl, tmp_path):
+    """Steel on a carbide shaft: what is fed is steel, and a fifth of the first layer is not."""
+    part = SHAFT.replace('name = "316L"\n', 'name = "316L"\n[[material]]\nname = "WC-12Co"\n', 1)
+    part = part.replace("radius_mm = 25\n", 'radius_mm = 25\nmaterial = "WC-12Co"\n')
+    part += ('[composition]\nfeature = { kind = "coordinate", along = "x" }\n'
+             '[composition.profile]\nkind = "constant"\nof = { "316L" = 0.5, "WC-12Co" = 0.5 }\n')
+    assert lmctl("init", "box", ".").code == 0
+    cell = tmp_path / "cell.toml"
+    cell.write_text(cell.read_text() + "[[dilution]]\nshare = 0.2\n")
+    (tmp_path / "part.toml").write_text(part)
+    planned = lmctl("plan", "part.toml", "--machine", "cell.toml", "--json")
+    assert planned.code == 0, planned.talk
+    assert lmctl("run", "part.lmj", "--machine", "cell.toml", "--sim").code == 0
+    found = lmctl("report", "run-0001", "--as-built", "--json").json
+    assert found["built_by"] == "predicted"
+    # fed (0.5 - 0.2 · 1) / 0.8 = 0.375 carbide in the first layer, 0.5 in the second
+    assert found["by_path"]["within"]["0.02"] > 0.98
