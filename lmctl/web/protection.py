@@ -5,6 +5,7 @@ An ASGI middleware. It also puts the security headers on every answer.
 
 from __future__ import annotations
 
+import asyncio
 import time
 from typing import Any
 from urllib.parse import urlsplit
@@ -22,7 +23,8 @@ REQUESTS_PER_S, REQUESTS_AT_ONCE = 50.0, 400.0
 #: Wrong tokens of one address.
 _WRONG_PER_S, _WRONG_AT_ONCE = 0.2, 10.0
 
-MAX_BODY_BYTES = 4096
+#: Length of a body, and how long it may take to come [s].
+MAX_BODY_BYTES, BODY_S = 4096, 10.0
 
 CONTENT_SECURITY_POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; "
@@ -60,9 +62,14 @@ class RequestProtection:
 
         refusal, role = self._refusal(scope)
         if refusal is None:
-            body = await _bounded_body(Headers(scope=scope), receive)
-            if body is None:
-                refusal = (413, f"a request holds at most {MAX_BODY_BYTES} bytes")
+            try:
+                async with asyncio.timeout(BODY_S):
+                    body = await _bounded_body(Headers(scope=scope), receive)
+            except TimeoutError:
+                refusal = (408, f"the body of a request takes at most {BODY_S:.0f} s")
+            else:
+                if body is None:
+                    refusal = (413, f"a request holds at most {MAX_BODY_BYTES} bytes")
         if refusal is not None:
             await _refuse(send_protected, *refusal)
             return

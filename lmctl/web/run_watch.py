@@ -10,9 +10,11 @@ import asyncio
 import json
 import time
 from collections import deque
+from contextlib import suppress
 from typing import Any
 
 from lmctl.errors import LmctlError
+from lmctl.run.journal.format import last_record
 from lmctl.run.journal.run_folders import RunFolder, run_summary
 from lmctl.web.control_link import ControlLink
 from lmctl.web.job_layers import JobLayers
@@ -52,7 +54,6 @@ class RunWatch:
         self._curves: JournalPoints | None = None
         self._points: deque[Points] = deque()
         self._events: deque[dict[str, Any]] = deque(maxlen=_EVENTS_KEPT)
-        self._last_record: dict[str, Any] = {}
         self._status: dict[str, Any] | None = None
         self._answered_t = 0.0
         self._ended: Snapshot | None = None
@@ -87,9 +88,12 @@ class RunWatch:
             age_s = time.monotonic() - self._answered_t
             return live_snapshot(self._status, self._mixture(self._status.get("now_s")), age_s)
         if self._ended is None:
+            summary = run_summary(self.folder)  # first: what ends it is then in the last record, too
+            last: dict[str, Any] = {}
+            with suppress(LmctlError):  # it has no journal, or none that can be read
+                last = last_record(self.folder.journal) or {}
             self._ended = ended_snapshot(
-                self.folder, run_summary(self.folder), self._header, self._last_record,
-                self._mixture(None))
+                self.folder, summary, self._header, last, self._mixture(None))
         return self._ended
 
     def add_viewer(self) -> ViewerQueue:
@@ -195,7 +199,7 @@ class RunWatch:
     ) -> None:
         if batch.records:
             self._all = None
-            self._last_record, self._ended = batch.records[-1], None
+            self._ended = None
         self._points.extend(points)
         self._events.extend(events)
         kept = sum(len(one["at_s"]) for one in self._points)

@@ -98,9 +98,12 @@ def _not_installed(what: str, extra: str, error: ImportError) -> UsageError:
 def _config(application: Any, settings: DashSettings) -> Any:
     import uvicorn
 
+    from lmctl.web.connections import BoundedConnection
+
     config = uvicorn.Config(
-        application, http="h11", ws="none", lifespan="off", loop="asyncio", log_level="critical",
-        access_log=False, server_header=False, date_header=False, proxy_headers=False,
+        application, http=BoundedConnection, ws="none", lifespan="off", loop="asyncio",
+        log_level="critical", access_log=False, server_header=False, date_header=False,
+        proxy_headers=False,
         limit_concurrency=_MOST_CONNECTIONS, timeout_keep_alive=5, timeout_graceful_shutdown=1,
         h11_max_incomplete_event_size=16_384,
         ssl_certfile=settings.tls_cert, ssl_keyfile=settings.tls_key)
