@@ -88,7 +88,7 @@ class RunWatch:
             age_s = time.monotonic() - self._answered_t
             return live_snapshot(self._status, self._mixture(self._status.get("now_s")), age_s)
         if self._ended is None:
-            summary = run_summary(self.folder)  # first: what ends it is then in the last record, too
+            summary = run_summary(self.folder)  # first: its end then is the last record, too
             last: dict[str, Any] = {}
             with suppress(LmctlError):  # it has no journal, or none that can be read
                 last = last_record(self.folder.journal) or {}
