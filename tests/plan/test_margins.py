@@ -300,4 +300,5 @@ def test_a_mixture_too_steep_for_its_beads_is_named_with_its_place(make_part, pr
     assert margins["volume_resolvable"] < 0.98
     (text,) = [one["text"] for one in manifest.verdict if "of the volume is off" in one["text"]]
     assert re.search(r"x [\d.]+, y 4\.?\d*, z", text)
-    assert "carry 0.09 across" in text
+    assert "a strip of 1.33 mm has one mixture across" in text
+    assert "such beads carry 0.09 per mm at most" in text

@@ -75,7 +75,8 @@ def _unresolved(found: BeadResolution) -> str:
     x, y, z = found.worst.place_mm.round(1).tolist()
     text = (f"{1.0 - found.volume_share:.1%} of the volume is off by more than ±0.03 however well "
             f"powder is timed, most in layer {found.worst.layer + 1} at x {x:g}, y {y:g}, z {z:g} "
-            f"mm of the part: the mixture changes by {found.gradient_per_mm:.2f} per mm there")
+            f"mm of the part: the mixture changes by {found.gradient_per_mm:.2f} per mm there, and "
+            f"a strip of {found.strip_mm:.2f} mm has one mixture across")
     if found.limit_per_mm < 10.0:
-        text += f", and beads so wide and so far apart carry {found.limit_per_mm:.2f} across"
+        text += f" (such beads carry {found.limit_per_mm:.2f} per mm at most)"
     return text + "; a finer bead, more overlap or lower layers would help"

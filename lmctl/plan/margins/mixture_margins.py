@@ -72,11 +72,13 @@ class BeadResolution:
     """What beads carry of the design, however well powder is timed.
 
     volume_share : within tolerance if every bead had its own mixture exactly
+    strip_mm : nominal width of a track's strip
     limit_per_mm : steepest gradient across tracks that they carry
     worst : where they are farthest from the design, and how steep it is there
     """
 
     volume_share: float
+    strip_mm: float
     limit_per_mm: float
     worst: WorstPlace
     gradient_per_mm: float
@@ -240,7 +242,7 @@ class _Volumes:
         rise = [self._composition(worst.place_mm[None] + side * shifts) for side in (1.0, -1.0)]
         steepness = (rise[0][1:] - rise[1][1:]) / (2.0 * _NEARBY_MM)
         return BeadResolution(
-            self._share(found),
+            self._share(found), self._recipe.pitch_mm,
             resolvable_per_mm(self._recipe.bead_mm, self._recipe.pitch_mm,
                               VOLUME_TOLERANCE_FRACTION),
             worst, float(np.sqrt((steepness**2).sum(axis=0)).max()))
