@@ -11,6 +11,7 @@ result is inferred, and right as far as those values are.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,8 +42,13 @@ class HoseValues:
 class NozzleInference:
     """Follows the flows of one run, batch by batch of samples in order."""
 
-    def __init__(self, hoses: tuple[HoseValues, ...], n_materials: int) -> None:
+    def __init__(
+        self, hoses: tuple[HoseValues, ...], n_materials: int,
+        deposited: Callable[[FloatArray, FloatArray], FloatArray] = lambda alone, _: alone,
+    ) -> None:
+        """deposited : volumes (n, materials) from those of powders fed alone, and what is fed"""
         self._hoses = hoses
+        self._deposited = deposited
         self._n_materials = n_materials
         self._order_s = [-math.inf]
         self._orders_g_min: list[tuple[float, ...]] = [(0.0,) * len(hoses)]
@@ -70,9 +76,12 @@ class NozzleInference:
         self._scales = np.concatenate([
             self._scales, _scales(at_s, reported_g_min, order_s, orders)])
         volume = np.zeros((len(at_s), self._n_materials))
+        fed = np.zeros_like(volume)
         for column, hose in enumerate(self._hoses):
             flow = self._behind_the_hose(column, at_s, order_s, orders[:, column])
+            fed[:, hose.material] += flow
             volume[:, hose.material] += flow / 60.0 * hose.deposit_mm3_g
+        volume = self._deposited(volume, fed)
         self._last_s = float(at_s[-1])
         self._forget()
         total = volume.sum(axis=1, keepdims=True)

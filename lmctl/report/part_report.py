@@ -7,12 +7,16 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from lmctl.config.mixture_catch import MixtureCatchSettings
 from lmctl.config.part_rules import parse_part_file
 from lmctl.config.traveller import TravellerSettings, with_stated_values
 from lmctl.errors import ConfigError, JobError, MissingFileError
 from lmctl.job.reader import JobReader
 from lmctl.job.schema import JobManifest, LayerMixture
 from lmctl.part.materials.powders import MaterialSpec, resolve_materials
+from lmctl.plan.mixture_catch import MixtureCatch, mixture_catch
 from lmctl.report.part_record import PartRecord, RunObserver, part_record_of
 from lmctl.report.powder_balance import PowderBalance, powder_balances
 from lmctl.report.process_values import ProcessValues, planned_process_values
@@ -45,10 +49,23 @@ class JobOfPart:
             return PartScales()
         measured = {str(one["material"]): one.get("catch_efficiency")
                     for one in header.get("hoppers", [])}
+        catch = {one.name: float(measured.get(one.name) or one.catch_efficiency)
+                 for one in self.powders}
         return PartScales(
             self.manifest.max_power_W / self.manifest.s_max, self.manifest.materials,
-            {one.name: (measured.get(one.name) or one.catch_efficiency) / one.density_g_mm3
-             for one in self.powders})
+            {one.name: catch[one.name] / one.density_g_mm3 for one in self.powders},
+            _mixture_catch(header, self.manifest.materials, catch))
+
+
+def _mixture_catch(
+    header: Mapping[str, Any], materials: Sequence[str], catch: Mapping[str, float]
+) -> MixtureCatch | None:
+    """How powders fed together were caught, as the run's header has it; None: as alone."""
+    stated = header.get("mixture_catch")
+    if not stated or not set(materials) <= catch.keys():
+        return None
+    return mixture_catch([MixtureCatchSettings.model_validate(one) for one in stated],
+                         materials, np.array([catch[name] for name in materials]))
 
 
 @dataclass(frozen=True)

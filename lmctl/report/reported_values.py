@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from lmctl.array_types import BoolArray, FloatArray
+from lmctl.plan.mixture_catch import MixtureCatch
 from lmctl.report.nozzle_inference import HoseValues, NozzleInference
 from lmctl.report.process_values import ProcessValues
 from lmctl.report.value_range import ValueRange, range_of
@@ -29,12 +30,25 @@ class PartScales:
 
     power_W_per_s : beam power of one S word, None where not known
     materials : names, in the part's order
-    deposit_mm3_g : {material: volume that one gram fed adds to the deposit}; empty where not known
+    deposit_mm3_g : {material: volume that one gram fed alone adds to the deposit}; empty where not
+        known
+    mixture_catch : how powders fed together are caught; None: as alone
     """
 
     power_W_per_s: float | None = None
     materials: tuple[str, ...] = ()
     deposit_mm3_g: dict[str, float] = field(default_factory=dict)
+    mixture_catch: MixtureCatch | None = None
+
+    def deposited(self, volume_alone: FloatArray, fed: FloatArray) -> FloatArray:
+        """Volumes (n, materials) that stay, of those that would if each powder were fed alone.
+
+        fed : (n, materials) masses fed, of any unit
+        """
+        if self.mixture_catch is None:
+            return volume_alone
+        return np.asarray(volume_alone * self.mixture_catch.efficiency(fed)
+                          / self.mixture_catch.alone)
 
 
 def nozzle_of(header: dict[str, Any], scales: PartScales) -> NozzleInference | None:
@@ -50,7 +64,7 @@ def nozzle_of(header: dict[str, Any], scales: PartScales) -> NozzleInference | N
             str(one["name"]), scales.materials.index(str(one["material"])),
             float(one["dead_time_s"]), float(one["lag_s"]),
             scales.deposit_mm3_g[str(one["material"])])
-        for one in hoppers), len(scales.materials))
+        for one in hoppers), len(scales.materials), scales.deposited)
 
 
 class ReportedValueGatherer:

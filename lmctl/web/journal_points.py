@@ -107,10 +107,13 @@ class JournalPoints:
         assert self._scales is not None
         materials = self._scales.materials
         volume = np.zeros((len(flows_g_min), len(materials)))
+        fed = np.zeros_like(volume)
         for column, one in enumerate(self._header["hoppers"]):
             deposit = self._scales.deposit_mm3_g.get(str(one["material"]), np.nan)
+            fed[:, materials.index(str(one["material"]))] += flows_g_min[:, column]
             volume[:, materials.index(str(one["material"]))] += (
                 flows_g_min[:, column] / 60.0 * deposit)
+        volume = self._scales.deposited(volume, fed)
         total = volume.sum(axis=1, keepdims=True)
         return np.asarray(np.divide(volume, total, out=np.full_like(volume, np.nan),
                                     where=total > _NO_VOLUME_MM3_S))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from lmctl.report.job_report.document import FieldList, TableBlock
@@ -61,3 +62,38 @@ def job_with_powder(tmp_path):
         max_power_W, s_max, materials = 3000.0, 1000, ("316L",)
 
     return JobOfPart(tmp_path / "job.lmj", Manifest(), "", resolve_materials(part))
+
+
+def test_a_mixture_that_is_caught_otherwise_than_its_powders_is_inferred_so(tmp_path):
+    """By hand: kappa from the coupon, and what stays of both powders at 3 and 4 g/min."""
+    from lmctl.config.part_rules import parse_part_file
+    from lmctl.part.materials.powders import resolve_materials
+    from lmctl.report.reported_values import nozzle_of
+
+    part = parse_part_file(
+        'name = "p"\n[[material]]\nname = "316L"\n[[material]]\nname = "WC-12Co"\n[[body]]\n'
+        'kind = "box"\nlow_mm = [0, 0, 0]\nhigh_mm = [1, 2, 3]\n[composition]\n'
+        'feature = { kind = "point", at_mm = [0, 0, 0] }\n'
+        'profile = { kind = "constant", of = { "316L" = 0.5, "WC-12Co" = 0.5 } }\n', name="p.toml")
+    steel, carbide = resolve_materials(part)
+
+    class Manifest:
+        max_power_W, s_max, materials = 3000.0, 1000, ("316L", "WC-12Co")
+
+    header = {
+        "hoppers": [HOPPER | {"dead_time_s": 0.0, "lag_s": 0.0},
+                    HOPPER | {"name": "B", "material": "WC-12Co", "dead_time_s": 0.0,
+                              "lag_s": 0.0}],
+        "mixture_catch": [{"mass_shares": {"316L": 0.5, "WC-12Co": 0.5}, "efficiency": 0.5}],
+    }
+    scales = JobOfPart(tmp_path / "a.lmj", Manifest(), "", (steel, carbide)).scales(header)
+    nozzle = nozzle_of(header, scales)
+    nozzle.order_flows(0.0, {"A": 3.0, "B": 4.0})
+    (found,) = nozzle.advance(np.array([5.0]), np.full((1, 2), np.nan))
+    e_a, e_b = steel.catch_efficiency, carbide.catch_efficiency
+    kappa = (0.5 - (e_a + e_b) / 2) / ((e_a + e_b) / 4)
+    volume = np.array([3 * e_a * (1 + kappa * 4 / 7) / steel.density_g_mm3,
+                       4 * e_b * (1 + kappa * 3 / 7) / carbide.density_g_mm3])
+    assert found == pytest.approx(volume / volume.sum())
+    alone = np.array([3 * e_a / steel.density_g_mm3, 4 * e_b / carbide.density_g_mm3])
+    assert abs(found[0] - alone[0] / alone.sum()) > 0.01

@@ -20,6 +20,7 @@ class MixturePredictor:
         hoppers = manifest.hoppers
         self._materials = [manifest.materials.index(one.material) for one in hoppers]
         self._n_materials = len(manifest.materials)
+        self._scales = scales
         self._deposit_mm3_g = np.array([
             scales.deposit_mm3_g.get(one.material, np.nan) for one in hoppers])
         self._hoses = HoseModel(
@@ -35,7 +36,10 @@ class MixturePredictor:
         end_s = np.clip(layer.lines["end_s"], layer.flow_s[0], layer.flow_s[-1])
         flow = self._hoses.advance(layer.flow_s, layer.flow_g_s, end_s)
         volume = np.zeros((len(end_s), self._n_materials))
+        fed = np.zeros_like(volume)
         for column, material in enumerate(self._materials):
+            fed[:, material] += flow[:, column]
             volume[:, material] += flow[:, column] * self._deposit_mm3_g[column]
+        volume = self._scales.deposited(volume, fed)
         total = volume.sum(axis=1, keepdims=True)
         return np.asarray(np.divide(volume, total, out=np.zeros_like(volume), where=total > 0))

@@ -41,6 +41,8 @@ def run_header(
             for h in hoppers
         ],
         **({} if used is None else {"calibration": used.as_json()}),
+        **({} if not profile.mixture_catch else {
+            "mixture_catch": [one.model_dump(mode="json") for one in profile.mixture_catch]}),
         **({} if not manifest.totals.get("alloy_rules") else {
             "alloy_rules": [_alloy_rule(rule) for rule in manifest.totals["alloy_rules"]]}),
     }
