@@ -141,6 +141,36 @@ def test_the_identities_are_those_of_the_programs():
         ('device = "feeder"', 'device = "fedeer"', "device: must be 'feeder' or 'safety'"),
         ("order = [", 'order = ["colour", ', "recipe.order: 'colour' is no set-point"),
         ("register = [", "register = [[", "not valid TOML"),
+        ("[3, 4, 16]", "[3, 4, 16, 6]", "function_codes: 6 is not used here"),
+        ("[3, 4, 16]", "[3, 4, 99]", "function_codes: must be whole numbers from 3 to 23"),
+        ('type = "u32", unit = "s"', 'type = "ascii", unit = "s"',
+         "register[5].length: is missing"),
+        ('word_order = "CDAB"', 'word_order = "CDAB"\nhopper_unit = 11',
+         "hopper_register[1].step: must be 0"),
+        ('uptime_s = "RUN_TIME"', 'uptime_s = "FLAGS"', "values.uptime_s: register 'FLAGS' holds"),
+        ('{ register = "FLAGS", bit = "HOST" }', '{ register = "FLAGS" }',
+         "conditions.remote: needs either `bit` or `is`"),
+        ('{ register = "FLAGS", bit = "HOST" }', '{ register = "RUN_TIME", bit = 0 }',
+         "register 'RUN_TIME' is no word of bits"),
+        ('{ register = "FLAGS", bit = "HOST" }', '{ register = "FLAGS", bit = -1 }',
+         "must be names or whole numbers of at least 0"),
+        ('heartbeat = "ALIVE"', 'heartbeat = "RATE_SET"',
+         "watchdog.heartbeat: must be a register that the device has"),
+        ('[{ register = "CONTROL", bit = "GAS" }]', "[]", "commands.gas: has no writes"),
+        ('[{ register = "CONTROL", bit = "GAS" }]', '[{ register = "CONTROL" }]',
+         "needs either `bit`, or `on`"),
+        ('[{ register = "CONTROL", bit = "GAS" }]', '[{ register = "STATE", on = 1, off = 0 }]',
+         "register 'STATE' is not writable"),
+        ('[{ register = "CONTROL", bit = "GAS" }]', '{ register = "CONTROL" }',
+         "commands.gas: must be an array of tables"),
+        ('flow_setpoint_g_min = "RATE_SET"',
+         'flow_setpoint_g_min = { register = "LOSS", full_scale = 9 }',
+         "full_scale needs `maximum` of register 'LOSS'"),
+        ("order = [", "order = 3 #", "recipe.order: must be a list of texts"),
+        ("[missing]\n", "[[setting]]\nregister = \"STATE\"\nvalue = 1\n[missing]\n",
+         "setting[1].register: register 'STATE' is not writable"),
+        ("counts_per_unit = 10,", "counts_per_unit = inf,", "counts_per_unit: must be finite"),
+        ("step = 20", "step = -1", "step: must be a whole number from 1 to 65535"),
     ],
 )
 def test_a_contradiction_is_named_where_it_is(old, new, said):
@@ -158,6 +188,11 @@ def test_all_mistakes_of_a_map_come_at_once():
     found = "\n".join(mistakes(text))
     for part in ("overlaps", "takes 70000 counts", "two alarms", "commands.feed", "recipe.commit"):
         assert part in found
+
+
+def test_a_map_without_registers_is_none():
+    assert "register: there is none: a map lists the device's registers" in mistakes(
+        'name = "x"\ndevice = "safety"\n')
 
 
 def test_a_file_that_is_no_text_or_too_large_is_refused(tmp_path):
