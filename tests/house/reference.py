@@ -30,6 +30,7 @@ from simulators.process.config import ProcessConfig
 from simulators.process.substrate_heights import SubstrateHeights
 from simulators.safety.config import SafetyConfig
 from simulators.scale.config import ScaleConfig
+from tests.house.command_page import command_page
 from tests.house.key_pages import pages
 from tests.house.reader_rows import documented_by, reader_rows
 
@@ -165,6 +166,7 @@ def files() -> dict[Path, str]:
     for kind, schema in schemas.items():
         found[REFERENCE / "schemas" / f"{kind}.json"] = json.dumps(
             schema, ensure_ascii=False, indent=1) + "\n"
+    found[ROOT / "docs/reference/commands.md"] = command_page()
     for name, text in pages(rows).items():
         found[ROOT / "docs/reference" / name] = text
     return found
