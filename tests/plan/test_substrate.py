@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import pickle
 from pathlib import Path
 
 import numpy as np
@@ -16,8 +17,10 @@ from lmctl.examples.templates import write_template
 from lmctl.job.schema import LineKind
 from lmctl.part.load import load_part
 from lmctl.part.substrate import flattened_part
+from lmctl.plan.geometry import layer_geometry
 from lmctl.plan.layer_range import place_layers
 from lmctl.plan.planner import plan_job
+from lmctl.preflight.part_check import check_part
 from lmctl.run.program.place import ProgramPlace
 from lmctl.run.program.reentry import plan_reentry
 from tests.plan.planned_jobs import layers_of
@@ -236,3 +239,12 @@ def test_the_way_back_to_a_path_stays_over_what_is_built(shaft):
             assert over.any()
             built = 25 + 0.8 * layer.index
             assert (np.hypot(places[over, 1], places[over, 2]) - built).min() > 0.7
+
+
+def test_a_part_on_its_substrate_reaches_other_processes_whole(tmp_path):
+    part = flattened_part(load_part(write_template("shaft", tmp_path)[0]))
+    sent = pickle.loads(pickle.dumps(part))
+    placement = check_part(part, CELL)
+    here, there = (layer_geometry(one, placement, 1) for one in (part, sent))
+    assert np.array_equal(here.points_mm, there.points_mm)
+    assert np.array_equal(here.strip_width_mm, there.strip_width_mm)
