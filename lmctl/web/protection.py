@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import time
+from collections.abc import Callable
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -39,13 +40,18 @@ _HEADERS = {
 
 
 class RequestProtection:
-    """Refuses what no viewer of the page sends. Sets `scope["state"]["role"]` of what passes."""
+    """Refuses what no viewer of the page sends. Sets `scope["state"]["role"]` of what passes.
 
-    def __init__(self, app: ASGIApp, access: AccessPolicy) -> None:
+    now_s : a clock that never goes back
+    """
+
+    def __init__(
+        self, app: ASGIApp, access: AccessPolicy, now_s: Callable[[], float] = time.monotonic
+    ) -> None:
         self._app = app
         self._access = access
-        self._rate = RateLimit(REQUESTS_PER_S, REQUESTS_AT_ONCE, time.monotonic)
-        self._wrong = RateLimit(_WRONG_PER_S, _WRONG_AT_ONCE, time.monotonic)
+        self._rate = RateLimit(REQUESTS_PER_S, REQUESTS_AT_ONCE, now_s)
+        self._wrong = RateLimit(_WRONG_PER_S, _WRONG_AT_ONCE, now_s)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] != "http":

@@ -186,14 +186,14 @@ def test_an_opc_ua_client_reads_and_cannot_write():
             with pytest.raises(refusals):
                 await client.delete_nodes([power])
             shown[0] = shown[0] | {"line": 121, "power_W": None}
-            for _ in range(40):
+            for _ in range(300):
                 if await value("JobManagement/RunInformation/CurrentLine") == 121:
                     break
                 await asyncio.sleep(0.1)
             gone = await power.read_data_value(raise_on_bad_status=False)
             assert not gone.StatusCode.is_good()
             shown.clear()
-            for _ in range(40):
+            for _ in range(300):
                 if await value("JobManagement/RunInformation/State") == "no run":
                     break
                 await asyncio.sleep(0.1)
