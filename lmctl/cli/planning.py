@@ -107,7 +107,7 @@ def job_summary(manifest: JobManifest, target: Path) -> str:
         lines.insert(-1, f"  dilution  {dilution}")
     if margins := margins_text(totals):
         lines.insert(-1, f"  mixture   {margins}")
-    lines += [f"  alloy     {found['text']}" for found in manifest.verdict
+    lines += [f"  alloy     {found['text'].removeprefix('alloy ')}" for found in manifest.verdict
               if found["text"].startswith("alloy rule ")]
     lines += [f"  warning   {text}" for text in totals["warnings"]]
     return "\n".join(lines)

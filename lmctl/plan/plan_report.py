@@ -67,8 +67,9 @@ def _why_off(plan: PlanStatistics, mode: str) -> Iterator[str]:
                 else "powder comes too late")
         yield f"; along {plan.unfollowed_mm:.0f} mm {what}"
     if plan.unplanned_mm > least_reported_mm:
+        rules = ", alloy rules" if plan.has_alloy_rules else ""
         yield (f"; along {plan.unplanned_mm:.0f} mm the plan differs from the part file by its "
-               "steps (process.fraction_step, strategy, least flows of hoppers)")
+               f"steps (process.fraction_step, strategy, least flows of hoppers{rules})")
 
 
 def _hoppers(plan: PlanStatistics) -> list[Finding]:

@@ -30,6 +30,7 @@ class PlanStatistics:
     """Sums over the layers so far; `totals` and `plan_report` read them at the end."""
 
     recipe: Recipe
+    has_alloy_rules: bool = False
     layers: int = 0
     empty_layers: list[int] = field(default_factory=list)
     contours: int = 0

@@ -95,7 +95,7 @@ class LayerSequencer:
         self._home_mm = np.asarray(profile.motion.purge_mm, dtype=np.float64)
         self._state = SequenceState(self._home_mm)
         self._cross_mm: float | None = None
-        self.statistics = PlanStatistics(recipe)
+        self.statistics = PlanStatistics(recipe, has_alloy_rules=mixtures is not None)
         self.dilution_statistics = DilutionStatistics(
             (*(material.name for material in recipe.materials), "substrate"))
         self.samples = SampledLayers()
