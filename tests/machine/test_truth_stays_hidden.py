@@ -46,4 +46,4 @@ def test_a_feeder_test_reads_no_truth(monkeypatch) -> None:
 
 def test_the_simulated_operator_offers_acts_and_nothing_else() -> None:
     assert {name for name in vars(SimulatedOperator) if not name.startswith("_")} == {
-        "put_on_weight", "take_off_weight", "weigh_plate", "analyse_track"}
+        "put_on_weight", "take_off_weight", "weigh_plate", "analyse_track", "measure_height"}
