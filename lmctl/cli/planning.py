@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -94,6 +94,7 @@ def job_summary(manifest: JobManifest, target: Path) -> str:
         f"  built     {totals['built_fraction']:.2%} of the part's volume inside its surface, "
         f"{totals['surplus_fraction']:.2%} beside it",
         f"  machine   {manifest.machine}, powder mode {manifest.powder_mode}",
+        *_heat_lines(totals.get("predicted_heat")),
         *([f"  measured  calibration {calibration_text(manifest.calibration)}"]
           if manifest.calibration else []),
         f"  job       {target}",
@@ -111,3 +112,12 @@ def job_summary(manifest: JobManifest, target: Path) -> str:
               if found["text"].startswith("alloy rule ")]
     lines += [f"  warning   {text}" for text in totals["warnings"]]
     return "\n".join(lines)
+
+
+def _heat_lines(heat: dict[str, Any] | None) -> list[str]:
+    """What is predicted of temperature, where the part limits it."""
+    if heat is None:
+        return []
+    return [f"  heat      interpass predicted at most {heat['interpass_C']:.0f} °C in layer "
+            f"{heat['layer']}, limit {heat['interpass_max_C']:g} °C; waits of "
+            f"{format_duration(heat['wait_s'])} in {heat['layers_with_waits']} layers"]

@@ -12,13 +12,14 @@ from types import MappingProxyType
 
 @dataclass(frozen=True)
 class MaterialConstants:
-    """What a simulation needs of one dense material.
+    """What a simulation of the part in service or of its build needs of one dense material.
 
     elastic_modulus_GPa, poisson_ratio : of isotropic elasticity
     conductivity_W_m_K : thermal conductivity
     expansion_1e6_K : linear thermal expansion, in millionths per kelvin
     strength_MPa : yield strength of metals; flexural or transverse rupture strength of ceramics and
         cemented carbides
+    heat_capacity_J_kg_K : specific heat capacity
     source : of the values
     """
 
@@ -27,6 +28,7 @@ class MaterialConstants:
     conductivity_W_m_K: float
     expansion_1e6_K: float
     strength_MPa: float
+    heat_capacity_J_kg_K: float
     source: str
 
 
@@ -37,38 +39,38 @@ _CERAMIC = "Munro, J. Am. Ceram. Soc. 80 (1997) 1919-1928; CRC Materials Science
 _SHACKELFORD = "Shackelford and Alexander, CRC Materials Science and Engineering Handbook (2001)"
 _REDDY = "Praveen and Reddy, Int. J. Solids Struct. 35 (1998) 4457-4476, Table 1"
 
-_TABLE: tuple[tuple[str, float, float, float, float, float, str], ...] = (
-    ("316L", 193, 0.30, 14.6, 16.0, 205, _ASM1),
-    ("304L", 193, 0.29, 16.2, 17.2, 205, _ASM1),
-    ("H13", 210, 0.30, 24.4, 11.0, 1400, _ASM1),
-    ("steel", 207, 0.29, 50.0, 12.0, 250, _ASM1),
-    ("4340", 205, 0.29, 44.5, 12.3, 860, _ASM1),
-    ("maraging", 186, 0.30, 20.9, 10.1, 1900, _ASM1),
-    ("Fe", 208, 0.29, 80.4, 11.8, 130, _ASM1),
-    ("IN625", 208, 0.28, 9.8, 12.8, 450, "Special Metals, Inconel alloy 625, SMC-063"),
-    ("IN718", 200, 0.29, 11.4, 13.0, 1030, "Special Metals, Inconel alloy 718, SMC-045"),
-    ("Hastelloy X", 205, 0.32, 9.1, 13.9, 360, "Haynes International, Hastelloy X, H-3009"),
-    ("Ni", 207, 0.31, 90.9, 13.3, 150, _ASM2),
-    ("Stellite 6", 209, 0.29, 14.8, 11.4, 700, _ASM2),
-    ("Stellite 21", 240, 0.29, 14.5, 11.0, 565, _ASM2),
-    ("CoCrMo", 230, 0.30, 13.0, 12.5, 500, _ASM2),
-    ("Ti-6Al-4V", 113.8, 0.342, 6.7, 8.6, 880, _ASM2),
-    ("CP-Ti", 103, 0.34, 16.4, 8.6, 275, _ASM2),
-    ("V", 127.6, 0.37, 30.7, 8.4, 310, _ASM2),
-    ("Cr", 279, 0.21, 93.9, 4.9, 280, _SHACKELFORD),
-    ("Nb", 103, 0.40, 53.7, 7.3, 105, _ASM2),
-    ("Cu", 117, 0.34, 391, 16.9, 69, _ASM2),
-    ("Al", 70, 0.30, 204, 23.0, 35, _REDDY),
-    ("AlSi10Mg", 71, 0.33, 130, 20.5, 170, _ASM2),
-    ("WC", 696, 0.19, 110, 5.2, 600, _SHACKELFORD),
-    ("WC-12Co", 560, 0.22, 75, 5.6, 2900, _HARD),
-    ("WC-17Co", 510, 0.23, 67, 6.3, 2800, _HARD),
-    ("WC-6Co", 630, 0.21, 90, 4.9, 2000, _HARD),
-    ("TiC", 440, 0.19, 21, 7.7, 500, _SHACKELFORD),
-    ("Cr3C2", 380, 0.28, 19, 10.3, 400, _SHACKELFORD),
-    ("Al2O3", 400, 0.231, 33, 6.5, 380, _CERAMIC),
-    ("8YSZ", 205, 0.31, 2.2, 10.5, 300, _SHACKELFORD),
-    ("ZrO2", 151, 0.30, 2.09, 10.0, 500, _REDDY),
+_TABLE: tuple[tuple[str, float, float, float, float, float, float, str], ...] = (
+    ("316L", 193, 0.30, 14.6, 16.0, 205, 500, _ASM1),
+    ("304L", 193, 0.29, 16.2, 17.2, 205, 500, _ASM1),
+    ("H13", 210, 0.30, 24.4, 11.0, 1400, 460, _ASM1),
+    ("steel", 207, 0.29, 50.0, 12.0, 250, 486, _ASM1),
+    ("4340", 205, 0.29, 44.5, 12.3, 860, 475, _ASM1),
+    ("maraging", 186, 0.30, 20.9, 10.1, 1900, 460, _ASM1),
+    ("Fe", 208, 0.29, 80.4, 11.8, 130, 449, _ASM1),
+    ("IN625", 208, 0.28, 9.8, 12.8, 450, 410, "Special Metals, Inconel alloy 625, SMC-063"),
+    ("IN718", 200, 0.29, 11.4, 13.0, 1030, 435, "Special Metals, Inconel alloy 718, SMC-045"),
+    ("Hastelloy X", 205, 0.32, 9.1, 13.9, 360, 486, "Haynes International, Hastelloy X, H-3009"),
+    ("Ni", 207, 0.31, 90.9, 13.3, 150, 444, _ASM2),
+    ("Stellite 6", 209, 0.29, 14.8, 11.4, 700, 420, _ASM2),
+    ("Stellite 21", 240, 0.29, 14.5, 11.0, 565, 420, _ASM2),
+    ("CoCrMo", 230, 0.30, 13.0, 12.5, 500, 450, _ASM2),
+    ("Ti-6Al-4V", 113.8, 0.342, 6.7, 8.6, 880, 526, _ASM2),
+    ("CP-Ti", 103, 0.34, 16.4, 8.6, 275, 523, _ASM2),
+    ("V", 127.6, 0.37, 30.7, 8.4, 310, 489, _ASM2),
+    ("Cr", 279, 0.21, 93.9, 4.9, 280, 449, _SHACKELFORD),
+    ("Nb", 103, 0.40, 53.7, 7.3, 105, 265, _ASM2),
+    ("Cu", 117, 0.34, 391, 16.9, 69, 385, _ASM2),
+    ("Al", 70, 0.30, 204, 23.0, 35, 900, _REDDY),
+    ("AlSi10Mg", 71, 0.33, 130, 20.5, 170, 910, _ASM2),
+    ("WC", 696, 0.19, 110, 5.2, 600, 203, _SHACKELFORD),
+    ("WC-12Co", 560, 0.22, 75, 5.6, 2900, 220, _HARD),
+    ("WC-17Co", 510, 0.23, 67, 6.3, 2800, 235, _HARD),
+    ("WC-6Co", 630, 0.21, 90, 4.9, 2000, 210, _HARD),
+    ("TiC", 440, 0.19, 21, 7.7, 500, 560, _SHACKELFORD),
+    ("Cr3C2", 380, 0.28, 19, 10.3, 400, 550, _SHACKELFORD),
+    ("Al2O3", 400, 0.231, 33, 6.5, 380, 775, _CERAMIC),
+    ("8YSZ", 205, 0.31, 2.2, 10.5, 300, 450, _SHACKELFORD),
+    ("ZrO2", 151, 0.30, 2.09, 10.0, 500, 450, _REDDY),
 )
 
 #: Constants by the library's name of the material; a few powders have none that we know.

@@ -4,6 +4,11 @@ Densities are from docs/explanation/process-defaults.md, Powders (handbook). Cat
 powers and speeds are *starting values* for the medium DED class (2 mm bead,
 docs/explanation/process-defaults.md, Process window), by kind of powder: they get a first bead onto
 the bench and are no substitute for a trial track. lmctl reports which ones it used.
+
+Absorptivities of titanium and nickel alloys were measured by calorimeter in powder deposition at
+1 kW: 0.42 and 0.37 (F. Lia, J. Park, J. Tressler and R. Martukanitz, Additive Manufacturing 18
+(2017) 31-39). Those of other kinds are of the same order: lower for good reflectors, higher
+for carbides and oxides. They are starting values as well.
 """
 
 from __future__ import annotations
@@ -20,6 +25,7 @@ class LibraryMaterial:
     density_g_cm3, apparent_g_cm3 : of the solid; of the loose powder, None where no value is known
     catch_efficiency : share of the fed powder that ends in the bead, (0, 1]
     power_W, speed_mm_s : starting recipe of the pure material
+    absorptivity : share of the beam's power that stays in the part, (0, 1]
     """
 
     name: str
@@ -28,28 +34,30 @@ class LibraryMaterial:
     catch_efficiency: float
     power_W: float
     speed_mm_s: float
+    absorptivity: float
 
 
 @dataclass(frozen=True)
 class _Kind:
-    """What powders of a kind share: (catch_efficiency, power_W, speed_mm_s)."""
+    """What powders of a kind share: (catch_efficiency, power_W, speed_mm_s, absorptivity)."""
 
     catch_efficiency: float
     power_W: float
     speed_mm_s: float
+    absorptivity: float
 
 
 # Reflective or conductive metals need more power; carbides and oxides rebound unmelted, so less of
 # them is caught (docs/explanation/powder-delivery.md, Volume, mass and catch), and they are kept
 # below the power at which they dissolve.
-_STEEL = _Kind(0.75, 1500.0, 10.0)
-_NICKEL = _Kind(0.75, 1600.0, 10.0)
-_TITANIUM = _Kind(0.75, 1400.0, 10.0)
-_REFRACTORY = _Kind(0.70, 2200.0, 8.0)
-_COPPER = _Kind(0.65, 2500.0, 8.0)
-_ALUMINIUM = _Kind(0.60, 2000.0, 12.0)
-_CARBIDE = _Kind(0.55, 1800.0, 10.0)
-_OXIDE = _Kind(0.50, 1400.0, 10.0)
+_STEEL = _Kind(0.75, 1500.0, 10.0, 0.37)
+_NICKEL = _Kind(0.75, 1600.0, 10.0, 0.37)
+_TITANIUM = _Kind(0.75, 1400.0, 10.0, 0.42)
+_REFRACTORY = _Kind(0.70, 2200.0, 8.0, 0.37)
+_COPPER = _Kind(0.65, 2500.0, 8.0, 0.15)
+_ALUMINIUM = _Kind(0.60, 2000.0, 12.0, 0.20)
+_CARBIDE = _Kind(0.55, 1800.0, 10.0, 0.50)
+_OXIDE = _Kind(0.50, 1400.0, 10.0, 0.50)
 
 _TABLE: tuple[tuple[str, float, float | None, _Kind], ...] = (
     ("316L", 7.99, 4.4, _STEEL),
@@ -92,7 +100,8 @@ _TABLE: tuple[tuple[str, float, float | None, _Kind], ...] = (
 MATERIAL_LIBRARY = MappingProxyType(
     {
         name: LibraryMaterial(
-            name, density, apparent, kind.catch_efficiency, kind.power_W, kind.speed_mm_s
+            name, density, apparent, kind.catch_efficiency, kind.power_W, kind.speed_mm_s,
+            kind.absorptivity,
         )
         for name, density, apparent, kind in _TABLE
     }

@@ -15,6 +15,7 @@ from lmctl.config.alloy_rules import AlloyRuleSettings
 from lmctl.config.bodies import Body, referenced_bodies
 from lmctl.config.composition import Composition, measured_bodies
 from lmctl.config.copies import CopySettings
+from lmctl.config.deposition_heat import DepositionHeatSettings
 from lmctl.config.quantities import FileName, Name, Pitch, Positive, ShareOfOne, Vector
 from lmctl.config.simulation import (
     FaceSettings,
@@ -37,6 +38,8 @@ class MaterialSettings(ConfigModel):
     power_W, speed_mm_s : recipe of the pure material; mixtures interpolate by volume fraction
     elastic_modulus_GPa .. strength_MPa : of the dense material, for simulations only; None takes
         the library's (`material_constants`)
+    heat_capacity_J_kg_K, absorptivity : specific heat, and share of the beam's power that stays in
+        the part; with conductivity they count where `process.interpass_max_C` is stated
     price_per_kg : in any one currency; there is no default
     name : by which compositions and hoppers refer to it
     """
@@ -52,6 +55,8 @@ class MaterialSettings(ConfigModel):
     conductivity_W_m_K: Annotated[float, Field(gt=0, le=5000)] | None = None
     expansion_1e6_K: Annotated[float, Field(ge=-20, le=100)] | None = None
     strength_MPa: Annotated[float, Field(gt=0, le=20_000)] | None = None
+    heat_capacity_J_kg_K: Annotated[float, Field(gt=0, le=20_000)] | None = None
+    absorptivity: ShareOfOne | None = None
     price_per_kg: Annotated[float, Field(ge=0, le=1e6)] | None = None
 
 
@@ -84,8 +89,10 @@ class StrategyRegion(ConfigModel):
         return self.layers is None or self.layers[0] <= layer + 1 <= self.layers[1]
 
 
-class ProcessSettings(ConfigModel):
+class ProcessSettings(DepositionHeatSettings):
     """How beads are deposited. Defaults are those of medium deposition, and are named.
+
+    Keys about heat are in `deposition_heat`.
 
     Source: docs/explanation/process-defaults.md, Process window.
 

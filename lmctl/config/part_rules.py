@@ -15,6 +15,7 @@ from typing import Any
 from lmctl.config import materials, toml_file
 from lmctl.config.alloy_rules import alloy_rule_findings
 from lmctl.config.composition_rules import composition_findings
+from lmctl.config.deposition_heat_rules import deposition_heat_findings
 from lmctl.config.file_kind import FileKind, refuse_other_kind
 from lmctl.config.free_numbers import resolve_free_numbers
 from lmctl.config.part_file import PartFile
@@ -82,6 +83,7 @@ def cross_key_findings(data: dict[str, Any]) -> list[Finding]:
     findings += _copy_findings(data)
     findings += simulation_findings(data, known)
     findings += alloy_rule_findings(data.get("alloy_rule"), names)
+    findings += deposition_heat_findings(data)
     return findings
 
 

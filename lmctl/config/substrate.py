@@ -47,6 +47,9 @@ class SubstrateSettings(ConfigModel):
         mesh or scan
     standoff_tolerance_mm : how far the nozzle's height over the surface may be off
     max_slope_deg : steepest slope of the surface that is deposited on, from level
+    temperature_C : of the substrate at the start, and of the table under it for good
+    thickness_mm : of the plate; contact_W_m2_K : between it and the table, 0 where it is insulated.
+        These three count where `process.interpass_max_C` is stated
     """
 
     kind: SubstrateKind = "plate"
@@ -62,6 +65,9 @@ class SubstrateSettings(ConfigModel):
     layers: LayerShape = "auto"
     standoff_tolerance_mm: Annotated[float, Field(gt=0, le=10)] = 0.3
     max_slope_deg: Annotated[float, Field(ge=0, le=60)] = 35.0
+    temperature_C: Annotated[float, Field(ge=-50, le=1500)] = 20.0
+    thickness_mm: Annotated[float, Field(ge=1, le=1000)] = 20.0
+    contact_W_m2_K: Annotated[float, Field(ge=0, le=1e6)] = 1000.0
 
     @model_validator(mode="after")
     def _consistent(self) -> SubstrateSettings:

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from lmctl.job.schema import JobHopper as JobHopper
     from lmctl.job.schema import JobLayer as JobLayer
     from lmctl.job.schema import JobManifest as JobManifest
+    from lmctl.job.schema import LayerHeat as LayerHeat
     from lmctl.job.schema import LayerMixture as LayerMixture
     from lmctl.job.schema import LineKind as LineKind
     from lmctl.job.schema import line_dtype as line_dtype
@@ -26,6 +27,7 @@ _HOMES = {
     "JobManifest": "lmctl.job.schema",
     "JobReader": "lmctl.job.reader",
     "JobWriter": "lmctl.job.writer",
+    "LayerHeat": "lmctl.job.schema",
     "LayerMixture": "lmctl.job.schema",
     "LineKind": "lmctl.job.schema",
     "PackedLayer": "lmctl.job.packed_layer",

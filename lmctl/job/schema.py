@@ -119,6 +119,26 @@ class LayerMixture:
 
 
 @dataclass(frozen=True)
+class LayerHeat:
+    """Temperature that the plan predicts for one layer, and what it chose for it.
+
+    layer : index; interpass_C : hottest place that the beam comes back to, as predicted
+    x_mm, y_mm : where that is, program coordinates
+    wait_s : beam off for heat, beside the time that travel and powder take
+    cuts : places where a path is interrupted for such a wait
+    power_factor : on the recipe's beam power
+    """
+
+    layer: int
+    interpass_C: float
+    x_mm: float
+    y_mm: float
+    wait_s: float
+    cuts: int
+    power_factor: float
+
+
+@dataclass(frozen=True)
 class JobManifest:
     """Everything about a job that is not a layer.
 
@@ -135,6 +155,7 @@ class JobManifest:
         `CalibrationUse.as_json` gives it; None where all were typed in
     sources : {file name: sha256} of the data files the part was made from
     mixtures : of every layer that has beads, in order; empty in jobs of earlier versions
+    heat : of every layer that has beads, in order; empty where no temperature is limited
     """
 
     part_name: str
@@ -155,5 +176,6 @@ class JobManifest:
     part_offset_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
     excerpt: tuple[int, int] | None = None
     mixtures: tuple[LayerMixture, ...] = ()
+    heat: tuple[LayerHeat, ...] = ()
     calibration: dict[str, Any] | None = None
     layers: tuple[LayerEntry, ...] = field(default=())

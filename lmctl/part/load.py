@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from lmctl.config import part_file as config
 from lmctl.config.composition import Feature
+from lmctl.config.deposition_heat import DepositionHeatSettings
 from lmctl.config.free_numbers import resolve_free_numbers
 from lmctl.config.part_rules import load_part_file, parse_part_file
 from lmctl.config.toml_file import parse_tables
@@ -16,6 +17,7 @@ from lmctl.errors import InputError
 from lmctl.field.grid import Grid
 from lmctl.part import bodies  # each body's module is loaded where it is used
 from lmctl.part.copies import copies_of
+from lmctl.part.materials.build_heat import resolve_build_heat
 from lmctl.part.materials.powders import resolve_materials
 from lmctl.part.materials.profile_warnings import flat_profile_warnings
 from lmctl.part.named_bodies import named_bodies
@@ -189,6 +191,7 @@ def _part_of(part: config.PartFile, text: str, tree: BodyTree, report: Report | 
         plane=section_plane_grid(grid, part.process.bead_width_mm),
         surface_error_mm=tree.surface_error_mm,
         named_bodies=named_bodies(part, tree),
+        build_heat=resolve_build_heat(part),
         strategy_bodies={region.body: tree.named_body(region.body)
                          for region in part.process.region if region.body is not None},
         substrate=part.substrate,
@@ -217,6 +220,8 @@ def _not_noted(process: config.ProcessSettings) -> set[str]:
         keys |= {"hatch", "hatch_angle_deg", "hatch_turn_deg", "hatch_blocks", "outline_tracks"}
     if process.strategy != "auto":
         keys.add("dead_time_error_s")
+    if process.interpass_max_C is None:
+        keys |= set(DepositionHeatSettings.model_fields)
     return keys | ({"hatch_block_mm"} if process.hatch_blocks == "none" else set())
 
 

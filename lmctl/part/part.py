@@ -18,6 +18,7 @@ from lmctl.field.outline_distance import plane_distance
 from lmctl.field.plane import PlaneGrid
 from lmctl.part.bodies.body import Body, plane_points
 from lmctl.part.bodies.measured import Bounds
+from lmctl.part.materials.build_heat import BuildHeat
 from lmctl.part.materials.composition import CompositionField, UniformComposition
 from lmctl.part.materials.powders import MaterialSpec
 from lmctl.part.named_bodies import NO_NAMED_BODIES, NamedBodies
@@ -83,6 +84,7 @@ class Part:
     copies : that stand on the plate; none: the part alone
     layer_stack : where coordinates are (x, y, u) of `substrate.flattened_part`, how its layers lie
     alloy_rules : mixtures that must not be deposited; None where the part has no rules
+    build_heat : what a prediction of temperature needs; None where none is asked for
     """
 
     name: str
@@ -105,6 +107,7 @@ class Part:
     layer_stack: LayerStack | None = None
     copies: tuple[PartCopy, ...] = ()
     alloy_rules: AlloyRules | None = None
+    build_heat: BuildHeat | None = None
 
     @property
     def bounds_mm(self) -> Bounds:

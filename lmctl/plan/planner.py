@@ -27,6 +27,7 @@ from lmctl.plan.copy_order import copies_totals, layers_in_order, times_deposite
 from lmctl.plan.dilution import compensation_of, with_known_dilution
 from lmctl.plan.execution import LocalWorkers, StageWorkers, ordered_results
 from lmctl.plan.geometry import LayerGeometry
+from lmctl.plan.heat import heat_findings, heat_planner_of, heat_totals
 from lmctl.plan.layer_range import nothing_to_deposit
 from lmctl.plan.margins.margin_findings import is_enough, margin_findings
 from lmctl.plan.margins.mixture_margins import mixture_margins
@@ -113,9 +114,11 @@ class _Planning:
         self._options = options
         self._recipe = recipe_of(part, profile, self._whole_placement.layer_height_mm)
         self._dilution = compensation_of(part, profile, self._recipe)
+        self._heat = heat_planner_of(part, self._recipe, self._whole_placement,
+                                     is_excerpt=options.layers is not None)
         self._sequencer = LayerSequencer(
             part.name, part.process, self._recipe, profile, self._dilution, part.layer_stack,
-            None if part.alloy_rules is None else part.laid_mixtures)
+            None if part.alloy_rules is None else part.laid_mixtures, self._heat)
         # places in several copies are none of the bodies' own
         self._named_bodies = NO_NAMED_BODIES if part.copies else part.named_bodies
         self._completeness = Completeness(
@@ -236,6 +239,7 @@ class _Planning:
             *([] if self._choice is None else [report_finding(True, self._choice.as_text())]),
             *self._completeness_findings(),
             *plan_report(statistics, self._placement, part.process.powder),
+            *heat_findings(self._heat, part.process, is_excerpt=self._options.layers is not None),
             *([] if rules is None else rules.findings()), *self._dilution_findings(),
             *substrate_report(part, profile.nozzle is not None),
             *(report_finding(*found)
@@ -271,12 +275,14 @@ class _Planning:
                {"height_check_every": part.process.height_check_every})
             | copies_totals(part, self._placement)
             | ({} if rules is None else rules.totals())
+            | heat_totals(self._heat)
             | ({} if part.surface_error_mm is None else
                {"surface_error_mm": round(part.surface_error_mm, 4)}),
             verdict=tuple(findings),
             part_offset_mm=(float(x), float(y), float(z)),
             excerpt=excerpt,
             mixtures=tuple(statistics.mixtures),
+            heat=() if self._heat is None else tuple(self._heat.layers),
             calibration=None if used is None else used.as_json(),
         )
 

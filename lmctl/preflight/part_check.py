@@ -30,9 +30,10 @@ def check_part(part: Part, profile: MachineProfile) -> Placement:
             hopper_for_material(material.name, profile)
         except PlanError as error:
             wrong.append(error)
-        if material.power_W > profile.laser.max_power_W:
+        power_W = material.power_W * max(1.0, part.process.first_layer_power)
+        if power_W > profile.laser.max_power_W:
             wrong.append(PlanError(
-                f"{material.name} wants {material.power_W:g} W; the laser of {profile.name!r} "
+                f"{material.name} wants {power_W:g} W; the laser of {profile.name!r} "
                 f"has {profile.laser.max_power_W:g}",
                 hint="lower the material's power_W, with its speed_mm_s",
             ))

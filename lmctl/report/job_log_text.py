@@ -33,7 +33,8 @@ def part_record_as_text(part: PartRecord) -> str:
     """The whole log, without a trailing newline."""
     sections = [_head(part), _runs(part)]
     if part.layers:
-        sections += [_beam_table(part), *_powder_tables(part), _time_table(part), _marks()]
+        sections += [_beam_table(part), _heat_table(part), *_powder_tables(part),
+                     _time_table(part), _marks()]
     else:
         sections.append("no layer was begun")
     sections += [_deviations(part), *(_events(run) for run in part.runs), _journals(part)]
@@ -68,6 +69,7 @@ def _head(part: PartRecord) -> str:
                  f"{format_duration(float(header.get('planned_s', 0.0)))}"),
         ("copies", ", ".join(map(str, header.get("copies", [])))),
         *((f"hopper {hopper['name']}", _hopper(hopper)) for hopper in header.get("hoppers", [])),
+        ("heat", _heat(header.get("predicted_heat") or {})),
         ("calibration", calibration_text(header.get("calibration") or {})),
         ("mixture", str(header.get("mixture", ""))),
         *(("alloy rule", _alloy_rule(rule)) for rule in header.get("alloy_rules", [])),
@@ -102,6 +104,17 @@ def _machine(run: RunRecord) -> str:
     kind = "simulated bench" if run.machine.get("is_bench") else "real machine"
     beam = "; the beam stayed off" if run.machine.get("beam_off") else ""
     return f"{name} ({kind}, {firmware}{beam})"
+
+
+def _heat(heat: dict[str, object]) -> str:
+    """What the plan predicted of temperature; nothing of it is measured."""
+    if not heat:
+        return ""
+    hottest_C = format_number(float(str(heat["interpass_C"])), 0)
+    waits = format_duration(float(str(heat["wait_s"])))
+    return (f"interpass predicted at most {hottest_C} °C in layer {heat['layer']}, limit "
+            f"{heat['interpass_max_C']} °C; {waits} of waits planned in "
+            f"{heat['layers_with_waits']} layers")
 
 
 def _hopper(hopper: dict[str, object]) -> str:
@@ -151,6 +164,22 @@ def _beam_table(part: PartRecord) -> str:
             for layer in part.layers]
     rows.append(row("all", "", part.planned, part.executed))
     return "\n".join(["beam", *table_lines(heads, rows)])
+
+
+def _heat_table(part: PartRecord) -> str:
+    """What the plan predicted of temperature, of the layers that were begun; "" where nothing."""
+    heat = part.runs[0].header.get("predicted_heat") or {}
+    begun = {layer.number for layer in part.layers}
+    rows = [
+        (str(one["layer"]), format_number(one["interpass_C"], 0),
+         *(format_number(axis, 1) for axis in one["at_mm"]), format_number(one["wait_s"], 1),
+         str(one["cuts"]), f"{100 * one['power_factor']:.0f}")
+        for one in heat.get("by_layer", []) if one["layer"] in begun]
+    if not rows:
+        return ""
+    heads = ("layer", "interpass °C\npredicted", "at x mm", "at y mm", "waits s\nplanned",
+             "paths\ninterrupted", "power %\nof recipe")
+    return "\n".join(["heat, as the plan predicts it", *table_lines(heads, rows)])
 
 
 def _powder_tables(part: PartRecord) -> Iterator[str]:

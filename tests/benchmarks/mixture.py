@@ -11,6 +11,8 @@ place of its slow travel; `dwell_uncut_over_ours` a plan in mode "dwell", which 
 slows tracks whose mixture powder cannot follow.
 `forbidden` and `detour` are about alloy rules (`mixture_rows/alloy_rows.py`).
 
+`revisit_within` and `interpass_time` are about temperature (`mixture_rows/interpass.py`).
+
 Prints one JSON object; names of rows choose some of them.
 
     python -m tests.benchmarks.mixture [ROW ...]
@@ -26,6 +28,7 @@ from typing import Any
 
 from tests.benchmarks.mixture_rows.alloy_rows import detour, forbidden_points
 from tests.benchmarks.mixture_rows.as_built import build, duration_s, dwelling_s
+from tests.benchmarks.mixture_rows.interpass import interpass_time, revisit_within
 from tests.benchmarks.mixture_rows.parts import write_part
 from tests.benchmarks.mixture_rows.standoff import standoff_row
 
@@ -37,8 +40,10 @@ TODAY_S = {
 }
 _WITH_VOLUME = {"plate_step": "plate", "fig8_union": "union", "blade": "blade"}
 _DWELL_S = 30.0
+#: Rows that need no run on the bench (`mixture_rows/interpass.py`).
+_HEAT = {"revisit_within": revisit_within, "interpass_time": interpass_time}
 _ALLOY_ROWS = {"forbidden": forbidden_points, "detour": detour}
-_ROWS = [*TODAY_S, "standoff", *_ALLOY_ROWS]
+_ROWS = [*TODAY_S, "standoff", *_ALLOY_ROWS, *_HEAT]
 
 
 def main() -> None:
@@ -53,7 +58,7 @@ def main() -> None:
                 continue
             place = Path(folder) / name
             place.mkdir()
-            found |= _row(name, place)
+            found |= _HEAT[name](place) if name in _HEAT else _row(name, place)
     print(json.dumps(found, indent=2))
 
 

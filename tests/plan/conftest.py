@@ -119,6 +119,7 @@ class FakePart:
     named_bodies: NamedBodies = NO_NAMED_BODIES
     substrate: SubstrateSettings = UNKNOWN_PLATE
     alloy_rules: None = None
+    build_heat: object = None
 
     @property
     def turning_heights_mm(self):

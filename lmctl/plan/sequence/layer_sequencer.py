@@ -25,7 +25,10 @@ from lmctl.plan.program_text.layer_text import CLOSING_LINES, OPENING_LINES, Lay
 from lmctl.plan.recipe import Recipe
 from lmctl.plan.sequence.bead_pieces import bead_pieces
 from lmctl.plan.sequence.beads import Beads, make_beads
+from lmctl.plan.sequence.beam_off_waits import PurgePosition, with_waits
 from lmctl.plan.sequence.draping import LayerDrape, draped_moves
+from lmctl.plan.sequence.interrupted_beads import waits_of_pieces
+from lmctl.plan.sequence.layer_waits import LayerWaits, first_bead_s
 from lmctl.plan.sequence.line_timing import bead_line_ranges, split_long_lines, with_time_for_powder
 from lmctl.plan.sequence.mixture_cuts import cut_tracks
 from lmctl.plan.sequence.mixture_prediction import MixturePrediction, PathPredictor
@@ -51,6 +54,7 @@ from lmctl.preflight.placement import Placement
 
 if TYPE_CHECKING:
     from lmctl.part.materials.laid_mixtures import LaidMixtures
+    from lmctl.plan.heat import HeatPlanner
     from lmctl.plan.sequence.alloy_statistics import AlloyStatistics
     from lmctl.plan.sequence.alloy_watch import AlloyWatch
 
@@ -65,12 +69,13 @@ class LayerSequencer:
     dilution : compensates for it; None: beads are taken to be of what is fed
     stack : how the layers of a flattened part lie (`part.substrate`); None: level
     mixtures : what alloy rules leave, where the part has rules
+    heat : predicts temperature and chooses waits; None: nothing is predicted
     """
 
     def __init__(
         self, part_name: str, process: ProcessSettings, recipe: Recipe, profile: MachineProfile,
         dilution: DilutionCompensation | None = None, stack: LayerStack | None = None,
-        mixtures: LaidMixtures | None = None,
+        mixtures: LaidMixtures | None = None, heat: HeatPlanner | None = None,
     ) -> None:
         self._dilution = dilution
         self._stack = stack
@@ -79,7 +84,8 @@ class LayerSequencer:
         self._profile = profile
         self._recipe = recipe
         self._mixtures = MeteredMixtures(
-            recipe, profile.laser.max_power_W / float(recipe.power_W.max()))
+            recipe, profile.laser.max_power_W / float(recipe.power_W.max())
+            / max(process.first_layer_power, 1.0))
         self._limits = powder_limits_of(recipe)
         self._leads = process.powder == "lead"
         self._predictor = PathPredictor(recipe, leads=self._leads)
@@ -93,6 +99,10 @@ class LayerSequencer:
         )
         self._longest_s = profile.motion.send_horizon_s / LINES_PER_HORIZON
         self._home_mm = np.asarray(profile.motion.purge_mm, dtype=np.float64)
+        self._heat = heat
+        self._waits = LayerWaits(
+            process.least_layer_time_s, heat, profile.motion,
+            PurgePosition(self._home_mm, self._travel))
         self._state = SequenceState(self._home_mm)
         self._cross_mm: float | None = None
         self.statistics = PlanStatistics(recipe, has_alloy_rules=mixtures is not None)
@@ -145,13 +155,18 @@ class LayerSequencer:
         if self._watch is not None and tracks.n_tracks:
             tracks, wait_s = self._under_alloy_rules(
                 number, tracks, placement, drape, self._watch, is_last=is_last)
-        beads = self._beads(number, tracks, drape)
+        self._cross_mm = self._state.at_mm[2] + self._travel.clearance_mm if clears_all else None
+        beads, wait_s, heat_wait_s = self._with_heat_waits(
+            index, number, self._beads(number, tracks, drape), placement, drape, wait_s,
+            is_last=is_last)
         self.statistics.add_beads(number, geometry, beads)
         nozzle_mm = placement.nozzle_height_mm(number) if drape is None else drape.highest_mm()
-        self._cross_mm = self._state.at_mm[2] + self._travel.clearance_mm if clears_all else None
         moves, durations = self._timed_moves(
-            number, beads, placement, drape, wait_s, is_last=is_last)
+            number, beads, placement, drape, wait_s, heat_wait_s, is_last=is_last)
         state = self._state
+        if self._heat is not None:
+            self._heat.add_layer(index, moves, state.at_mm, durations,
+                                 self._process.power_factor(number))
         end_s = state.time_s + np.cumsum(durations)
         flow = self._flow(moves, beads, end_s)
         self.statistics.add_program(moves, durations, state.time_s, end_s, flow)
@@ -169,8 +184,26 @@ class LayerSequencer:
             at_mm=moves.target_mm[-1], time_s=float(end_s[-1]), line=state.line + len(moves),
             path=state.path + (0 if beads is None else beads.count),
             mixture=state.mixture if beads is None else beads.fractions[-1],
-            flow_g_s=flow.g_s[-1])
+            flow_g_s=flow.g_s[-1],
+            first_bead_s=state.first_bead_s if beads is None else first_bead_s(moves, end_s))
         return layer
+
+    def _with_heat_waits(
+        self, index: int, number: int, beads: Beads | None, placement: Placement,
+        drape: LayerDrape | None, wait_s: FloatArray | None, *, is_last: bool,
+    ) -> tuple[Beads | None, FloatArray | None, FloatArray | None]:
+        """The beads, interrupted where heat needs it; for each of them the time beside what powder
+        needs, and the wait for heat or for the layer's least time."""
+        if beads is None:
+            return None, wait_s, None
+        state, whole = self._state, beads
+        beads, heat_wait_s = self._waits.choose(
+            index, beads,
+            lambda pieces: self._moves(
+                number, pieces, placement, drape, waits_of_pieces(wait_s, whole, pieces),
+                is_last=is_last),
+            state.at_mm, None if state.first_bead_s is None else state.time_s - state.first_bead_s)
+        return beads, waits_of_pieces(wait_s, whole, beads), heat_wait_s
 
     def _compensated(self, geometry: LayerGeometry, number: int) -> LayerGeometry:
         """The layer with the mixtures to feed, which make up for dilution where it is known."""
@@ -230,6 +263,9 @@ class LayerSequencer:
             leads=self._leads, uniform=self._process.strategy == "iso-3d",
             allowed=None if self._watch is None or tracks.melted is not None
             else self._watch.allowed_levels)
+        power = self._process.power_factor(number)
+        if power != 1:
+            beads = replace(beads, power_W=beads.power_W * power)
         if drape is None:
             return beads
         return replace(beads, width_mm=beads.width_mm / drape.stretch(beads.points_mm))
@@ -247,9 +283,28 @@ class LayerSequencer:
 
     def _timed_moves(
         self, number: int, beads: Beads | None, placement: Placement, drape: LayerDrape | None,
-        wait_s: FloatArray | None, *, is_last: bool,
+        wait_s: FloatArray | None, heat_wait_s: FloatArray | None = None, *, is_last: bool,
     ) -> tuple[Moves, FloatArray]:
         """The layer's lines and how long each lasts."""
+        start, motion = self._state.at_mm, self._profile.motion
+        moves = self._moves(number, beads, placement, drape, wait_s, is_last=is_last)
+        if heat_wait_s is not None:
+            moves = with_waits(moves, start, motion, heat_wait_s, self._waits.purge)
+        moves, durations = split_long_lines(moves, start, motion, self._longest_s)
+        parts, lasting = [moves], [durations]
+        if self._state.line == 0:
+            parts.insert(0, self._setup(len(OPENING_LINES), start, moves.fractions[0]))
+            lasting.insert(0, np.zeros(len(OPENING_LINES)))
+        if is_last:
+            parts.append(self._setup(len(CLOSING_LINES), moves.target_mm[-1], moves.fractions[-1]))
+            lasting.append(np.zeros(len(CLOSING_LINES)))
+        return join_moves(parts), np.concatenate(lasting)
+
+    def _moves(
+        self, number: int, beads: Beads | None, placement: Placement, drape: LayerDrape | None,
+        wait_s: FloatArray | None, *, is_last: bool,
+    ) -> Moves:
+        """The layer's lines, with the time that powder needs, and wait_s (m,) beside it."""
         start, motion = self._state.at_mm, self._profile.motion
         mixture = self._state.mixture
         if mixture is None:
@@ -273,15 +328,7 @@ class LayerSequencer:
             needed_s = self._needed_s(beads)
             moves = with_time_for_powder(
                 moves, start, motion, needed_s if wait_s is None else needed_s + wait_s)
-        moves, durations = split_long_lines(moves, start, motion, self._longest_s)
-        parts, lasting = [moves], [durations]
-        if self._state.line == 0:
-            parts.insert(0, self._setup(len(OPENING_LINES), start, moves.fractions[0]))
-            lasting.insert(0, np.zeros(len(OPENING_LINES)))
-        if is_last:
-            parts.append(self._setup(len(CLOSING_LINES), moves.target_mm[-1], moves.fractions[-1]))
-            lasting.append(np.zeros(len(CLOSING_LINES)))
-        return join_moves(parts), np.concatenate(lasting)
+        return moves
 
     def _layer_moves(
         self, beads: Beads, flat_z_mm: float, offset_mm: FloatArray, drape: LayerDrape | None,

@@ -14,6 +14,7 @@ class SequenceState:
     at_mm : (3,) the nozzle, in program coordinates; time_s : program time
     line, path : numbers of the next line and the next path
     mixture : (materials,) deposited last; flow_g_s : (hoppers,); None before the first bead
+    first_bead_s : when the last layer's first bead began, None before the first
     """
 
     at_mm: FloatArray
@@ -22,3 +23,4 @@ class SequenceState:
     path: int = 0
     mixture: FloatArray | None = None
     flow_g_s: FloatArray | None = None
+    first_bead_s: float | None = None

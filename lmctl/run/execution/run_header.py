@@ -20,6 +20,7 @@ def run_header(
 ) -> dict[str, Any]:
     """Job, machine, software, operator, hoppers: equal for equal runs."""
     manifest, used = job.manifest, profile.calibration_use
+    heat = manifest.totals.get("predicted_heat")
     return {
         "job": job.digest, "part": manifest.part_name, "part_sha256": manifest.part_sha256,
         "sources": manifest.sources, "software": f"lmctl {__version__}",
@@ -33,6 +34,7 @@ def run_header(
         **({"copies": [str(one["name"]) for one in copies]}
            if (copies := manifest.totals.get("copies")) else {}),
         "warnings": list(manifest.totals.get("warnings", [])),
+        **({"predicted_heat": heat} if heat is not None else {}),
         "hoppers": [
             {"name": h.name, "feeder": h.feeder, "material": h.material,
              "dead_time_s": h.dead_time_s, "lag_s": h.lag_s,

@@ -1,0 +1,239 @@
+"""The temperature of a part and its plate while the part is deposited, layer by layer."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lmctl.array_types import FloatArray
+from lmctl.part.materials.build_heat import PlateHeat
+from lmctl.plan.heat.cell_body import CellBody, connect_body, empty_body
+from lmctl.plan.heat.heat_grid import FINE_SLABS, SLABS_PER_COARSE, HeatGrid
+from lmctl.plan.heat.heat_steps import BeadLines, advance_cells
+
+#: Explicit steps are this part of the longest that keeps every cell between its neighbours.
+_STEP_SHARE = 0.9
+#: Room for deep slabs is made so many at a time.
+_ROOM = 16
+
+
+class PartTemperature:
+    """The part so far: `begin_layer`, `advance`; `copy` to try one course and then another."""
+
+    def __init__(
+        self, grid: HeatGrid, plate: PlateHeat, layer_mm: float,
+        greatest_diffusivity_mm2_s: float,
+    ) -> None:
+        """greatest_diffusivity_mm2_s : of any material of the part"""
+        self.time_s = 0.0
+        self._grid, self._plate, self._layer_mm = grid, plate, layer_mm
+        self._greatest = greatest_diffusivity_mm2_s
+        self._layers = 0  # in the top slab, complete or begun
+        self._plate_slabs = 0  # of the plate, among the fine ones
+        self._fine = empty_body(FINE_SLABS + 1, grid.dx_mm, grid.dy_mm, plate.at_C)
+        self._deep = empty_body(_ROOM, grid.coarse_dx_mm, grid.coarse_dy_mm, plate.at_C)
+        self._deep_slabs = 0  # fine ones in the top deep slab
+        self._deep_is_part = False
+        self._cover_before = np.zeros(self._fine.volume_mm3.shape[1:])
+        self._volume_before = np.zeros_like(self._cover_before)
+        self._box = np.array([*grid.part_y, *grid.part_x])
+        self._lay_plate()
+
+    def copy(self) -> PartTemperature:
+        """The same part, to go on by itself."""
+        other = object.__new__(PartTemperature)
+        other.__dict__.update(self.__dict__)
+        other._fine, other._deep = self._fine.copy(), self._deep.copy()
+        return other
+
+    def become(self, other: PartTemperature) -> None:
+        """Take over what another copy of the same part has come to."""
+        self.__dict__.update(other.__dict__)
+
+    def begin_layer(self) -> None:
+        """From here on beads belong to the next layer."""
+        fine = self._fine
+        if 0 < self._layers < self._grid.layers_per_slab:
+            self._layers += 1
+            self._volume_before = fine.volume_mm3[fine.n].copy()
+            self._cover_before = fine.cover[fine.n].copy()
+            return
+        if self._layers:  # the top slab is complete: what it covers is the mean of its layers
+            area = np.outer(fine.dy_mm, fine.dx_mm)
+            thick = self._layers * self._layer_mm
+            fine.cover[fine.n] = np.clip(fine.volume_mm3[fine.n] / (area * thick), 0, 1)
+        if fine.n == FINE_SLABS:
+            self._retire_lowest()
+        fine.n += 1
+        self._layers = 1
+        self._volume_before = np.zeros_like(self._volume_before)
+        self._cover_before = np.zeros_like(self._cover_before)
+        connect_body(fine, self._plate.loss_W_mm2_K)
+        self._join()
+
+    def advance(
+        self, until_s: float, lines: BeadLines, read_s: FloatArray, read_mm: FloatArray
+    ) -> FloatArray:
+        """Go on to a later time; temperatures at places (r, 2) at times (r,), rising.
+
+        Times before now count as now. NaN where a time is not reached, or there is no content.
+        """
+        found = np.full(len(read_s), np.nan)
+        if until_s <= self.time_s:
+            return found
+        fine, deep, grid, plate = self._fine, self._deep, self._grid, self._plate
+        step_s = self._step_s()
+        slow_s = self._deep_step_s()
+        places, times, amounts = lines.arrays()
+        advance_cells(
+            fine.temperature_C, fine.temperature_C.copy(), fine.volume_mm3, fine.capacity_J_K,
+            fine.conductivity_mm3, fine.cover, fine.east_W_K, fine.north_W_K, fine.up_W_K,
+            fine.loss_W_K, fine.dx_mm, fine.dy_mm, fine.n, self._plate_slabs + 1, self._box,
+            self._cover_before, self._volume_before,
+            deep.temperature_C, deep.temperature_C.copy(), deep.capacity_J_K, deep.east_W_K,
+            deep.north_W_K, deep.up_W_K, deep.loss_W_K, deep.n,
+            grid.coarse_x, grid.coarse_y, grid.origin_mm, grid.cell_mm, self._layer_mm,
+            plate.loss_W_mm2_K, plate.ambient_C, self.time_s, until_s, step_s,
+            max(1, int(slow_s / step_s)), places, times, amounts,
+            np.maximum(read_s, self.time_s), np.ascontiguousarray(read_mm, np.float64), found)
+        self.time_s = until_s
+        return found
+
+    def heat_content_J(self) -> float:
+        """Heat in part and plate above the surroundings' temperature."""
+        ambient_C = self._plate.ambient_C
+        return float(sum(
+            (body.capacity_J_K[1:body.n + 1].astype(np.float64)
+             * (body.temperature_C[1:body.n + 1] - ambient_C)).sum()
+            for body in (self._fine, self._deep)))
+
+    def _lay_plate(self) -> None:
+        """Slabs of the plate: fine ones, each as thick as one of the part, on a coarse one."""
+        plate, fine, deep = self._plate, self._fine, self._deep
+        thick = self._grid.layers_per_slab * self._layer_mm
+        count = min(FINE_SLABS - 1, int(plate.thickness_mm / thick) - 1)
+        if count < 1:
+            count, thick = 1, plate.thickness_mm / 2
+        self._plate_slabs = fine.n = count
+        heights = _growing(plate.thickness_mm - count * thick, SLABS_PER_COARSE * thick)[::-1]
+        deep.n = len(heights)
+        slabs = [(deep, k + 1, height) for k, height in enumerate(heights)]
+        slabs += [(fine, k + 1, thick) for k in range(count)]
+        for body, slab, height in slabs:
+            inner = (slab, slice(1, -1), slice(1, -1))
+            body.volume_mm3[inner] = height * np.outer(body.dy_mm, body.dx_mm)[1:-1, 1:-1]
+            body.cover[inner] = 1.0
+        # beyond the fine columns the plate is whole
+        far = np.ones(deep.volume_mm3.shape[1:], np.bool_)
+        grid = self._grid
+        far[np.ix_(np.unique(grid.coarse_y[1:-1]), np.unique(grid.coarse_x[1:-1]))] = False
+        deep.volume_mm3[deep.n, far] *= 1 + count * thick / heights[-1]
+        for body in (fine, deep):
+            body.capacity_J_K[:] = body.volume_mm3 * plate.capacity_J_mm3_K
+            body.conductivity_mm3[:] = body.volume_mm3 * plate.conductivity_W_mm_K
+        self._deep_slabs = SLABS_PER_COARSE  # the next is one of its own
+        connect_body(fine, plate.loss_W_mm2_K)
+        self._join()
+
+    def _retire_lowest(self) -> None:
+        """Add the lowest fine slab to the deep cells, and move the others down."""
+        fine, deep, grid = self._fine, self._deep, self._grid
+        is_part = self._plate_slabs == 0
+        if self._deep_slabs == SLABS_PER_COARSE or is_part != self._deep_is_part:
+            if deep.n + 2 == len(deep.volume_mm3):
+                self._deep = deep = _with_room(deep)
+            deep.n += 1
+            self._deep_slabs, self._deep_is_part = 0, is_part
+        self._deep_slabs += 1
+        top = deep.n
+        where = np.ix_(grid.coarse_y, grid.coarse_x)
+
+        def gather(values: FloatArray) -> FloatArray:
+            total = np.zeros(deep.volume_mm3.shape[1:])
+            np.add.at(total, where, np.asarray(values, np.float64))
+            return total
+
+        area = np.outer(deep.dy_mm, deep.dx_mm)
+        held = gather(fine.capacity_J_K[1])
+        heat = gather(fine.capacity_J_K[1] * fine.temperature_C[1])
+        before = deep.capacity_J_K[top].astype(np.float64)
+        covered = gather(fine.cover[1] * np.outer(fine.dy_mm, fine.dx_mm)) / area
+        deep.temperature_C[top] = np.where(
+            before + held > 0, (before * deep.temperature_C[top] + heat)
+            / np.maximum(before + held, 1e-12), deep.temperature_C[top])
+        deep.capacity_J_K[top] += held
+        deep.volume_mm3[top] += gather(fine.volume_mm3[1])
+        deep.conductivity_mm3[top] += gather(fine.conductivity_mm3[1])
+        # of the slabs in it the mean counts, as for the layers of a slab
+        deep.cover[top] += (covered - deep.cover[top]) / self._deep_slabs
+        for values in fine.arrays():
+            values[1:-1] = values[2:]
+        fine.n -= 1
+        self._plate_slabs = max(0, self._plate_slabs - 1)
+
+    def _join(self) -> None:
+        """Conductances of the deep cells, to the table below and to the fine cells above."""
+        fine, deep, plate, grid = self._fine, self._deep, self._plate, self._grid
+        connect_body(deep, plate.loss_W_mm2_K)
+        area, deep_area = np.outer(fine.dy_mm, fine.dx_mm), np.outer(deep.dy_mm, deep.dx_mm)
+        own, below = _resistance(fine, 1, area), _resistance(deep, deep.n, deep_area)
+        where = np.ix_(grid.coarse_y, grid.coarse_x)
+        covered = area * fine.cover[1]
+        under = np.zeros(deep_area.shape)
+        np.add.at(under, where, covered)
+        # heat of a narrow part spreads over all of a deep cell
+        below = below * np.minimum(under / np.maximum(deep_area * deep.cover[deep.n], 1e-6), 1.0)
+        fine.up_W_K[0] = np.where(fine.volume_mm3[1] > 0, covered / (own + below[where]), 0.0)
+        fine.temperature_C[0] = deep.temperature_C[deep.n][where]
+        deep.loss_W_K[deep.n] = np.maximum(
+            deep.loss_W_K[deep.n] - plate.loss_W_mm2_K * under, 0.0)
+        deep.temperature_C[0] = plate.at_C
+        deep.up_W_K[0] = 0.0
+        if plate.contact_W_mm2_K > 0:
+            deep.up_W_K[0] = deep_area * deep.cover[1] / (
+                1 / plate.contact_W_mm2_K + _resistance(deep, 1, deep_area))
+
+    def _step_s(self) -> float:
+        """Longest step of the fine cells: Σ G dt ≤ C in each, also where a layer is just begun."""
+        cell, layer = self._grid.cell_mm, self._layer_mm
+        slab = self._grid.layers_per_slab * layer
+        upright = max(2 / slab**2, 2 / (layer * (layer + slab)))
+        most = self._greatest * (4 / cell**2 + upright)
+        if self._plate_slabs:
+            most = max(most, self._plate.diffusivity_mm2_s * (4 / cell**2 + 2 / slab**2))
+        return _STEP_SHARE / most
+
+    def _deep_step_s(self) -> float:
+        deep = self._deep
+        inner = (slice(1, deep.n + 1), slice(1, -1), slice(1, -1))
+        total = (deep.east_W_K[inner] + deep.east_W_K[1:deep.n + 1, 1:-1, :-2]
+                 + deep.north_W_K[inner] + deep.north_W_K[1:deep.n + 1, :-2, 1:-1]
+                 + deep.up_W_K[inner] + deep.up_W_K[:deep.n, 1:-1, 1:-1] + deep.loss_W_K[inner])
+        under = np.zeros(deep.volume_mm3.shape[1:])
+        np.add.at(under, np.ix_(self._grid.coarse_y, self._grid.coarse_x), self._fine.up_W_K[0])
+        total[-1] += under[1:-1, 1:-1]
+        rate = total / np.maximum(deep.capacity_J_K[inner], 1e-9)
+        return _STEP_SHARE / float(rate.max())
+
+
+def _growing(total_mm: float, first_mm: float) -> list[float]:
+    """Heights that sum up to a total, each twice the one before, from about `first_mm`."""
+    heights = [first_mm]
+    while sum(heights) + 2 * heights[-1] <= total_mm:
+        heights.append(2 * heights[-1])
+    return [height * total_mm / sum(heights) for height in heights]
+
+
+def _resistance(body: CellBody, slab: int, area_mm2: FloatArray) -> FloatArray:
+    """Of half a slab, over a unit of area [mm² K/W]."""
+    volume = np.maximum(body.volume_mm3[slab], 1e-9)
+    thick = volume / (area_mm2 * np.maximum(body.cover[slab], 1e-6))
+    return np.asarray(0.5 * thick * volume / np.maximum(body.conductivity_mm3[slab], 1e-12))
+
+
+def _with_room(body: CellBody) -> CellBody:
+    """The same body with room for more slabs."""
+    more = empty_body(len(body.volume_mm3) - 2 + _ROOM, body.dx_mm, body.dy_mm, 0.0)
+    for old, new in zip(body.arrays(), more.arrays(), strict=True):
+        new[:len(old)] = old
+    more.n = body.n
+    return more

@@ -1,0 +1,144 @@
+"""Limits of temperature in a plan: waits, least layer times, power by layer, and refusals."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lmctl.errors import ConfigError
+from lmctl.job.schema import LineKind
+from lmctl.part.load import load_part
+from lmctl.plan.execution import stage_workers
+from lmctl.plan.planner import PlanOptions, plan_job
+from tests.plan.planned_jobs import layers_of
+from tests.plan.test_part_temperature import block
+
+LIMITED = block(high="12, 8, 4", limit=250)
+FREE = LIMITED.replace("interpass_max_C = 250", "")
+
+
+@pytest.fixture
+def plan(tmp_path, profile):
+    def planned(text, **options):
+        file = tmp_path / "part.toml"
+        file.write_text(text, encoding="utf-8")
+        plan_job(load_part(Path(file)), profile, tmp_path / "part.lmj",
+                 options=PlanOptions(**options))
+        return layers_of(tmp_path / "part.lmj")
+
+    return planned
+
+
+def bead_starts_s(layers):
+    """When the first bead of each layer begins."""
+    return [layer.lines["end_s"][np.argmax(layer.lines["kind"] == LineKind.BEAD) - 1]
+            for layer in layers]
+
+
+def test_a_limit_is_kept_by_waits_at_the_purge_position(plan, profile):
+    free, free_layers = plan(FREE)
+    limited, layers = plan(LIMITED)
+    hot, _ = plan(LIMITED.replace("= 250", "= 3000"))
+    assert free.heat == ()
+    assert max(layer.interpass_C for layer in hot.heat) > 300
+    assert max(layer.interpass_C for layer in limited.heat) <= 251
+    said = limited.totals["predicted_heat"]
+    assert said["wait_s"] > 5
+    assert said["wait_s"] == pytest.approx(sum(layer.wait_s for layer in limited.heat), abs=0.1)
+    longer_s = limited.totals["duration_s"] - free.totals["duration_s"]
+    assert said["wait_s"] * 0.99 <= longer_s <= said["wait_s"] + 3 * (1 + said["cuts"])
+    # long waits: powder falls on the purge position
+    for layer in layers:
+        waits = np.flatnonzero((layer.lines["kind"] == LineKind.DWELL)
+                               & (np.diff(layer.lines["end_s"], prepend=layer.flow_s[0]) > 0.2))
+        for line in waits:
+            row = layer.lines[line]
+            if limited.heat[layer.index].wait_s > 20:
+                assert (row["x_mm"], row["y_mm"], row["z_mm"]) == profile.motion.purge_mm
+    # the same bead, however often it is interrupted
+    assert limited.totals["path_length_mm"] == pytest.approx(
+        free.totals["path_length_mm"], abs=0.05)
+    assert limited.totals["deposited_volume_mm3"] == pytest.approx(
+        free.totals["deposited_volume_mm3"], rel=1e-4)
+    assert sum(layer.lines["power_W"].max() > 0 for layer in free_layers) == len(free_layers)
+
+
+def test_a_limit_that_is_never_reached_changes_no_line(plan):
+    _, free = plan(FREE)
+    manifest, limited = plan(LIMITED.replace("= 250", "= 3000"))
+    assert manifest.totals["predicted_heat"]["wait_s"] == 0
+    for one, other in zip(free, limited, strict=True):
+        assert one.program == other.program
+
+
+def test_the_job_is_the_same_whatever_the_number_of_processes(plan, tmp_path, monkeypatch):
+    monkeypatch.setattr(stage_workers, "_WORTH_PROCESSES_S", -1.0)
+    plan(LIMITED, jobs=1)
+    alone = (tmp_path / "part.lmj").read_bytes()
+    plan(LIMITED, jobs=2)
+    assert (tmp_path / "part.lmj").read_bytes() == alone
+
+
+def test_layers_take_their_least_time(plan):
+    _, layers = plan(FREE.replace("[process]", "[process]\nleast_layer_time_s = 40"))
+    assert np.diff(bead_starts_s(layers)) == pytest.approx(40.0, abs=0.05)
+    _, layers = plan(FREE.replace("[process]", "[process]\nleast_layer_time_s = 1"))
+    _, free = plan(FREE)
+    assert bead_starts_s(layers) == bead_starts_s(free)
+
+
+def test_power_by_layer(plan):
+    _, layers = plan(FREE.replace("[process]", """[process]
+first_layer_power = 1.2
+power_per_layer = 0.9
+final_power = 0.85"""))
+    power = [layer.lines["power_W"].max() for layer in layers]
+    assert power == pytest.approx([960, 800, 720, 680, 680], rel=1e-3)
+
+
+def test_some_layers_alone_have_no_prediction(plan):
+    manifest, _ = plan(LIMITED, layers=(2, 3))
+    assert manifest.heat == ()
+    assert any("not predicted" in found["text"] for found in manifest.verdict)
+
+
+def findings(text):
+    from lmctl.config.part_rules import parse_part_file
+
+    with pytest.raises(ConfigError) as caught:
+        parse_part_file(text, name="part.toml")
+    return {found.path: found.reason for found in caught.value.findings}
+
+
+def test_every_missing_constant_is_named_at_once():
+    found = findings(LIMITED.replace('[[material]]\nname = "316L"', """[[material]]
+name = "NiCrBSi"
+[[material]]
+name = "unobtainium"
+density_g_cm3 = 5
+[composition]
+feature = { kind = "axis", point_mm = [0, 0, 0], direction = [0, 0, 1] }
+profile = { kind = "constant", of = { "NiCrBSi" = 1 } }""").replace(
+        "[substrate]", '[substrate]\nmaterial = "kryptonite"'))
+    assert set(found) == {
+        "material[1].conductivity_W_m_K", "material[1].heat_capacity_J_kg_K",
+        "material[2].conductivity_W_m_K", "material[2].heat_capacity_J_kg_K",
+        "material[2].absorptivity", "substrate.material"}
+    assert "density_g_cm3" in found["substrate.material"]
+
+
+def test_a_limit_below_the_plates_temperature_is_refused():
+    found = findings(LIMITED.replace("[substrate]", "[substrate]\ntemperature_C = 300"))
+    assert set(found) == {"process.interpass_max_C"}
+    assert "250 °C is not above the plate's temperature, 300 °C" in found["process.interpass_max_C"]
+
+
+def test_energy_per_volume_stays_in_its_range():
+    found = findings(FREE.replace("[process]", """[process]
+first_layer_power = 1.5
+power_per_layer = 0.95
+final_power = 0.5"""))
+    assert list(found) == ["process"]
+    assert "first_layer_power = 1.5 and final_power = 0.5" in found["process"]
