@@ -26,8 +26,6 @@ _ROUNDING_QUANTA = 1.1
 _ON_LINE = 1e-6
 #: Nearest mixtures are sought on a grid of at most so many steps, by powders.
 _MOST_STEPS = {1: 1, 2: 1000, 3: 100, 4: 50}
-#: Mixtures compared with the grid at a time.
-_AT_ONCE = 2000
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,17 +161,20 @@ class LaidMixtures:
 
 
 def nearest_mixtures(fractions: FloatArray, of: FloatArray) -> FloatArray:
-    """The nearest of some mixtures (g, m) to each of others (n, m); one without further powders
-    where there is one."""
-    wanted, which = np.unique(np.round(fractions, 6), axis=0, return_inverse=True)
-    found = np.empty_like(wanted)
-    fed = of > NO_FRACTION
-    for first in range(0, len(wanted), _AT_ONCE):
-        own = wanted[first : first + _AT_ONCE]
-        off = np.abs(own[:, None] - of[None]).max(axis=2)
-        adds = (fed[None] & (own[:, None] <= NO_FRACTION)).any(axis=2)
-        found[first : first + _AT_ONCE] = of[np.where(adds, off + 1.0, off).argmin(axis=1)]
-    return np.asarray(found[which.reshape(-1)])
+    """The nearest of some mixtures (g, m) to each of others (n, m), by the greatest difference of
+    a fraction; one without further powders where there is one."""
+    from scipy.spatial import cKDTree  # late: few parts have rules
+
+    found = np.empty_like(fractions)
+    bits = 1 << np.arange(fractions.shape[1])
+    fed, own = (of > NO_FRACTION) @ bits, (fractions > NO_FRACTION) @ bits
+    for powders in np.unique(own).tolist():
+        without_more = (fed & ~powders) == 0
+        choice = of[without_more] if without_more.any() else of
+        rows = np.flatnonzero(own == powders)
+        _, nearest = cKDTree(choice).query(fractions[rows], p=np.inf)
+        found[rows] = choice[nearest]
+    return found
 
 
 @dataclass(frozen=True, eq=False)
