@@ -84,7 +84,8 @@ def _contradictions(
             yield (f"hopper {hopper.name!r} is on channel {hopper.channel}, and {device.name} has "
                    f"{device.hoppers}")
             continue
-        values = (hopper.max_flow_g_min, hopper.carrier_L_min)
+        setpoint_g_min = (hopper.max_flow_g_min - hopper.offset_g_min) / hopper.slope
+        values = (setpoint_g_min, hopper.carrier_L_min)
         for name, value in zip(SETPOINTS, values, strict=True):
             if reason := unreachable_setpoint(device, hopper.channel, name, value):
                 yield f"hopper {hopper.name!r}: {reason}"

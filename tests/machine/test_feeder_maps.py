@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from firmware_protocol.map_file import load_map, parse_map, shipped_map
+from firmware_protocol.pmx_alarms import CLIPPED
 from lmctl.config.machine import FeederSettings
 from lmctl.errors import MachineError
 from lmctl.machine.feeder.driver import FeederDriver
@@ -196,6 +197,23 @@ def test_a_set_point_that_does_not_arrive_is_a_fault(name, place):
             driver.set_flows({"A": 7.0, "B": 9.21})
             await asyncio.sleep(5.0)
             assert any("runs recipe" in fault for fault in ears.faults)
+
+    virtual_time.run_in_virtual_time(main())
+
+
+def test_a_set_point_beyond_the_limits_of_the_map_is_clipped_and_told():
+    """A slope that has fallen asks for more than 10 V: the mixture is no longer the planned one."""
+    async def main():
+        device = FEEDERS["analog"]()
+        async with device.served() as endpoint, driven(endpoint, MAPS["analog"]) as (driver, ears):
+            await feed(driver, 6.0, 50.0)
+            assert not driver.status.clipped
+            driver.correct_slope("B", 0.5)
+            await asyncio.sleep(5 * driver.period_s)
+            assert device.flows_g_min == pytest.approx((6.0, 75.0), abs=0.01)
+            assert driver.status.clipped
+            assert [one.hopper for one in driver.status.warnings if one.number == CLIPPED] == ["B"]
+            assert ears.faults == []
 
     virtual_time.run_in_virtual_time(main())
 

@@ -32,6 +32,7 @@ class MappedOutputs:
     command : the last command, carried out but for gas whose post-flow is not over
     applied : number of the last recipe that the device was seen to hold
     gas_since_s : since when gas is on; infinite while it is off
+    clipped_channels : hoppers whose registers hold less than was to be set
     """
 
     def __init__(
@@ -42,6 +43,7 @@ class MappedOutputs:
         self.applied = 0
         self._confirmed = True
         self.gas_since_s = math.inf
+        self.clipped_channels: frozenset[int] = frozenset()
         self.stabilise_s = feeder.stabilise_s
         self._registers = registers
         self._device = device
@@ -204,6 +206,7 @@ class MappedOutputs:
         stopped : flows are 0, whatever the recipe
         """
         written: dict[Place, RegisterValue] = {}
+        clipped: set[int] = set()
         for name in self._map.recipe_order:
             quantity = self._map.hopper_quantities.get(name)
             if quantity is None:
@@ -213,9 +216,13 @@ class MappedOutputs:
             for channel in self._device.channels:
                 value = 0.0 if stopped and name == FLOW else wanted.get(channel, 0.0)
                 place = (channel, quantity.register)
-                values[place] = self._registers.rounded(place, quantity.to_register(value))
+                values[place], is_limited = self._registers.nearest(
+                    place, quantity.to_register(value))
+                if is_limited:
+                    clipped.add(channel)
             await self._registers.write(values)
             written |= values
+        self.clipped_channels = frozenset(clipped)
         if self._map.commit is not None:
             await self._registers.write({(None, self._map.commit): self._sequence})
             return

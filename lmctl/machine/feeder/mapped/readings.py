@@ -103,7 +103,7 @@ class MappedReadings:
                           otherwise=FeederCommandBits.ENABLE_REMOTE in outputs.command)
         estop_open = not self._is("estop_closed", values, otherwise=True)
         low = any(self._hopper_is("level_low", values, channel) for channel in self._channels)
-        clipped = any(self._hopper_is("clipped", values, channel) for channel in self._channels)
+        clipped = any(self._is_clipped(values, channel, outputs) for channel in self._channels)
         flags = (
             _flag(FeederStatusBits.READY, not alarm) | _flag(FeederStatusBits.REMOTE, remote)
             | _flag(FeederStatusBits.GAS_OK, gas_ok) | _flag(FeederStatusBits.FEEDING, feeding)
@@ -163,7 +163,7 @@ class MappedReadings:
             | _hopper_flag(HopperStatusBits.REFILLING, refilling)
             | _hopper_flag(HopperStatusBits.PRESSURISED, pressurised)
             | _hopper_flag(HopperStatusBits.LIW_VALID, weighed is not None and not refilling)
-            | _hopper_flag(HopperStatusBits.LIMITED, self._hopper_is("clipped", values, channel))
+            | _hopper_flag(HopperStatusBits.LIMITED, self._is_clipped(values, channel, outputs))
         )
         # As of a PMX: what the disc is asked to feed now, and nothing while powder is off.
         setpoint = self._hopper_quantity(FLOW, values, channel) if feeding else 0.0
@@ -230,6 +230,10 @@ class MappedReadings:
     def _hopper_is(self, name: str, values: Values, channel: int) -> bool:
         condition = self._map.hopper_conditions.get(name)
         return condition is not None and condition.is_met(values[channel, condition.register])
+
+    def _is_clipped(self, values: Values, channel: int, outputs: MappedOutputs) -> bool:
+        """Whether a hopper feeds less than is set: by the device, or by the limits of its map."""
+        return channel in outputs.clipped_channels or self._hopper_is("clipped", values, channel)
 
     def _quantity(self, name: str, values: Values) -> float | None:
         quantity = self._map.quantities.get(name)

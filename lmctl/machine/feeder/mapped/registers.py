@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 
 from firmware_protocol.device_map import DeviceMap, row_name
@@ -10,6 +11,7 @@ from firmware_protocol.registers import (
     RegisterBlock,
     RegisterMap,
     RegisterSpace,
+    RegisterType,
     RegisterValue,
 )
 from lmctl.machine.modbus.client import ModbusLink
@@ -60,10 +62,17 @@ class MappedRegisters:
                      if self._unit((channel, name)) == unit}
             await self._link.write(block.address, block.encode(named), unit)
 
-    def rounded(self, place: Place, value: float) -> RegisterValue:
-        """A value as its register holds it. Raises RegisterError where it does not fit."""
+    def nearest(self, place: Place, value: float) -> tuple[RegisterValue, bool]:
+        """What a register holds that is nearest to a value, and whether its limits forbid more."""
         table, name = self._tables[self._unit(place)], row_name(place[1], place[0])
-        return table.decode(name, table.encode(name, value))
+        row = table[name]
+        is_float = row.type is RegisterType.F32
+        low = -math.inf if is_float else row.type.least / row.counts_per_unit
+        high = math.inf if is_float else row.type.greatest / row.counts_per_unit
+        low = low if row.minimum is None else max(low, row.minimum)
+        high = high if row.maximum is None else min(high, row.maximum)
+        limited = min(max(value, low), high)
+        return table.decode(name, table.encode(name, limited)), limited != value
 
     def _unit(self, place: Place) -> int | None:
         channel = place[0]
