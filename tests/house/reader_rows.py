@@ -29,8 +29,11 @@ class RecordingReader(TableReader):
         self._at = path
         self._rows = rows
         self._meanings = meanings
+        self._optional: set[str] = set()
 
     def has_key(self, key: str) -> bool:
+        """Every key is there; one that is asked about first may be left out."""
+        self._optional.add(key)
         return True
 
     def is_table(self, key: str) -> bool:
@@ -103,8 +106,8 @@ class RecordingReader(TableReader):
 
     def _note(self, key: str, kind: str, default: Any, allowed: str) -> None:
         path = f"{self._at}.{key}"
-        required = default is _REQUIRED
-        usual = "" if required or default is None else as_toml(
+        required = default is _REQUIRED and key not in self._optional
+        usual = "" if default is _REQUIRED or default is None else as_toml(
             int(default) if kind == "number" and float(default).is_integer() else default)
         self._rows.setdefault(path, KeyRow(
             path, kind, unit_of_key(key), usual, required, allowed, "",
@@ -121,13 +124,13 @@ def reader_rows(
     """
     rows: dict[str, KeyRow] = {}
     read(RecordingReader(path, rows, meanings))
-    tables: dict[tuple[str, ...], str] = {}
+    tables: dict[tuple[tuple[str, str], ...], str] = {}
     dropped: set[str] = set()
     for row in list(rows.values()):
         if "table" not in row.type or row.path in dropped:
             continue
         inner = [one.path for one in rows.values() if one.path.startswith(row.path + ".")]
-        keys = tuple(one.removeprefix(row.path) for one in inner)
+        keys = tuple((one.removeprefix(row.path), rows[one].type) for one in inner)
         first = tables.setdefault(keys, row.path) if keys else row.path
         if first != row.path:
             dropped |= set(inner)

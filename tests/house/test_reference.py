@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import tomllib
+from collections.abc import Iterator
 from typing import Any
 
 import pytest
@@ -81,6 +82,35 @@ def test_schemas_name_the_keys_of_the_rows(kind: str, rows: list[KeyRow]) -> Non
            if row.path.startswith(f"{kind}.") and row.type != KIND_OF_TABLE]
     assert {row.key for row in own} - found.keys() == set()
     assert [row.path for row in own if row.key != "kind" and not found[row.key]] == []
+
+
+@pytest.mark.parametrize(
+    "path", [*EXAMPLES.glob("bench*.toml"), *EXAMPLES.glob("feeder-*.toml"),
+             *(ROOT / "firmware_protocol/maps").glob("*.toml")], ids=lambda path: path.stem)
+def test_what_ships_is_what_its_schema_allows(path: Any) -> None:
+    kind = "bench" if path.name.startswith("bench") else "map"
+    schema = json.loads((ROOT / f"lmctl/reference/schemas/{kind}.json").read_text("utf-8"))
+    types = {"object": dict, "array": list, "string": str, "number": int | float, "integer": int,
+             "boolean": bool}
+
+    def refused(value: Any, table: dict[str, Any], place: str) -> Iterator[str]:
+        if "enum" in table and value not in table["enum"]:
+            yield f"{place}: {value!r}"
+        if "type" in table and not isinstance(value, types[table["type"]]):
+            yield f"{place}: no {table['type']}"
+        if isinstance(value, dict):
+            known = table.get("properties", {})
+            yield from (f"{place}.{key} is missing" for key in table.get("required", ())
+                        if key not in value)
+            for key, item in value.items():
+                if key in known:
+                    yield from refused(item, known[key], f"{place}.{key}")
+                elif not table.get("additionalProperties", True):
+                    yield f"{place}.{key} is not known"
+        for item in value if isinstance(value, list) and "items" in table else ():
+            yield from refused(item, table["items"], place)
+
+    assert list(refused(tomllib.loads(path.read_text("utf-8")), schema, kind)) == []
 
 
 def test_entries_of_a_docstring_are_told_from_other_sentences() -> None:
