@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -40,7 +41,9 @@ class ControlLink:
         self, kind: type[BaseException] | None, error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        self._writer.close()
+        self._writer.transport.abort()  # a run that hangs takes nothing more: nothing is waited for
+        with suppress(OSError):
+            await self._writer.wait_closed()
 
     async def request(self, do: str, **values: Any) -> dict[str, Any]:
         """The answer to one request; values : as in `lmctl.run.control.server`.

@@ -68,6 +68,7 @@ def asking(runs_dir) -> Callable[..., list[httpx.Response]]:
 
         return asyncio.run(main())
 
+    ask.runs_dir = runs_dir
     return ask
 
 
