@@ -23,8 +23,10 @@ def point_distance(points: FloatArray, point: Vector) -> FloatArray:
 def axis_distance(points: FloatArray, origin: Vector, direction: Vector) -> FloatArray:
     """Distance to the infinite line through `origin` along `direction` (any length but 0)."""
     axis = unit_vector(direction)
-    offset = points - np.asarray(origin, dtype=np.float64)
-    return length(offset - (offset @ axis)[:, None] * axis)
+    x, y, z = (points[:, k] - float(origin[k]) for k in range(3))
+    along = x * axis[0] + y * axis[1] + z * axis[2]
+    return np.asarray(np.sqrt(
+        (x - along * axis[0])**2 + (y - along * axis[1])**2 + (z - along * axis[2])**2))
 
 
 def segment_distance(points: FloatArray, start: Vector, end: Vector) -> FloatArray:

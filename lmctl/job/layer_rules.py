@@ -14,13 +14,15 @@ import numpy as np
 
 from lmctl.job.schema import N_WORD_MODULUS, JobLayer, LineKind, line_dtype
 
+_MOST_DIGITS = len(str(N_WORD_MODULUS - 1))
+
 #: Grbl's line buffer takes 80 characters; N, four coordinates, F and S need fewer than this.
 MAX_LINE = 70
 
-_NUMBER = r"-?[0-9]+(?:\.[0-9]+)?"
-_WORD = rf"(?:G(?:[014]|21|90|94)|M[45]|[XYZFSP]{_NUMBER})"
-_NUMBERS = re.compile(r"^N([0-9]+) ", re.MULTILINE)
-_PROGRAM = re.compile(rf"(?:N[0-9]{{1,7}}(?: {_WORD})+\n)*")
+_NUMBER = r"-?[0-9]++(?:\.[0-9]++)?+"
+_WORD = rf"(?:[XYZFSP]{_NUMBER}|G(?:[014]|21|90|94)|M[45])"
+# Possessive: no word can be read in two ways, so that nothing is ever tried again.
+_PROGRAM = re.compile(rf"(?:N[0-9]{{1,7}}+(?: {_WORD})++\n)*+")
 
 
 def first_broken_rule(layer: JobLayer, n_materials: int, n_hoppers: int) -> str | None:
@@ -40,17 +42,37 @@ def first_broken_rule(layer: JobLayer, n_materials: int, n_hoppers: int) -> str 
 
 def _program_rule(layer: JobLayer) -> str | None:
     text = "\n".join(layer.program) + "\n"
-    last = layer.first_line + len(layer.program)
-    own = [str(line % N_WORD_MODULUS) for line in range(layer.first_line, last)]
-    if _NUMBERS.findall(text) != own or max(map(len, layer.program)) > MAX_LINE:
-        for at, (line, number) in enumerate(zip(layer.program, own, strict=True), layer.first_line):
-            if not line.startswith(f"N{number} "):
+    if not _numbers_fit(text.encode("ascii", "replace"), layer.first_line, len(layer.program)):
+        for at, line in enumerate(layer.program, layer.first_line):
+            if not line.startswith(f"N{at % N_WORD_MODULUS} "):
                 return f"line {at} does not carry its own number"
             if len(line) > MAX_LINE:
                 return f"line {at} is longer than {MAX_LINE} characters"
     if text.count("\n") != len(layer.program) or _PROGRAM.fullmatch(text) is None:
         return "a program line holds something else than motion, dwell and beam words"
     return None
+
+
+def _numbers_fit(text: bytes, first_line: int, n_lines: int) -> bool:
+    """Whether each of so many lines begins with its own number and a space, and is short enough."""
+    data = np.frombuffer(text, np.uint8)
+    ends = np.flatnonzero(data == ord("\n"))
+    if len(ends) != n_lines:
+        return False
+    begins = np.append(0, ends[:-1] + 1)
+    number = np.arange(first_line, first_line + n_lines) % N_WORD_MODULUS
+    digits = 1 + sum((number >= 10**k).astype(np.intp) for k in range(1, _MOST_DIGITS))
+    length = ends - begins
+    if length.max() > MAX_LINE or (length < digits + 2).any():
+        return False
+    if (data[begins] != ord("N")).any() or (data[begins + digits + 1] != ord(" ")).any():
+        return False
+    for place in range(_MOST_DIGITS):  # from the last digit to the first
+        has = digits > place
+        wanted = ord("0") + number[has] // 10**place % 10
+        if (data[(begins + digits - place)[has]] != wanted).any():
+            return False
+    return True
 
 
 def _table_rule(layer: JobLayer) -> str | None:

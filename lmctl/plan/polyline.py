@@ -10,15 +10,24 @@ from lmctl.field.kernel import inner_kernel, kernel
 
 def arc_lengths(points: FloatArray) -> FloatArray:
     """Length from the first vertex to each, (k,) float64 [mm], of a polyline (k, 2 or 3)."""
+    return np.asarray(_arc_lengths_kernel(np.ascontiguousarray(points), points.shape[1]))
+
+
+@kernel
+def _arc_lengths_kernel(points: FloatArray, dimensions: int) -> FloatArray:
+    """`arc_lengths` of points whose coordinates are the first columns of a table."""
     along = np.zeros(len(points))
-    np.cumsum(_steps(points), out=along[1:])
+    for k in range(1, len(points)):
+        step = 0.0
+        for c in range(dimensions):
+            step += (points[k, c] - points[k - 1, c]) ** 2
+        along[k] = along[k - 1] + np.sqrt(step)
     return along
 
 
-def _steps(points: FloatArray) -> FloatArray:
-    """Length from each vertex to the next, (k − 1,)."""
-    way = points[1:] - points[:-1]
-    return np.asarray(np.sqrt(np.einsum("ij,ij->i", way, way)))
+def track_lengths(table: FloatArray) -> FloatArray:
+    """`arc_lengths` in the plane of a table (k, 2 or more) whose first columns are x and y."""
+    return np.asarray(_arc_lengths_kernel(np.ascontiguousarray(table), 2))
 
 
 def points_at_lengths(points: FloatArray, lengths_mm: FloatArray) -> FloatArray:
@@ -31,27 +40,41 @@ def points_at_lengths(points: FloatArray, lengths_mm: FloatArray) -> FloatArray:
 
 def densified_polyline(points: FloatArray, spacing_mm: float) -> FloatArray:
     """The polyline with vertices added where they are farther apart than `spacing_mm`."""
-    pieces = np.ceil(_steps(points) / spacing_mm).astype(np.int64)
-    if pieces.max(initial=1) <= 1:
-        return points
-    return np.asarray(_densify(np.ascontiguousarray(points), pieces))
+    table = np.ascontiguousarray(points)
+    count = _densified_count(table, spacing_mm)
+    return points if count == len(points) else np.asarray(_densify(table, spacing_mm, count))
+
+
+@inner_kernel
+def _pieces(points: FloatArray, k: int, spacing: float) -> int:
+    """How many pieces a segment is cut into, one at least."""
+    step = 0.0
+    for c in range(points.shape[1]):
+        step += (points[k + 1, c] - points[k, c]) ** 2
+    return max(1, int(np.ceil(np.sqrt(step) / spacing)))
 
 
 @kernel
-def _densify(points: FloatArray, pieces: IntArray) -> FloatArray:
-    """(k, d) with each segment cut into so many pieces, one at least."""
+def _densified_count(points: FloatArray, spacing: float) -> int:
     total = 1
-    for k in range(len(pieces)):
-        total += max(1, pieces[k])
+    for k in range(len(points) - 1):
+        total += _pieces(points, k, spacing)
+    return total
+
+
+@kernel
+def _densify(points: FloatArray, spacing: float, total: int) -> FloatArray:
+    """(total, d) with each segment cut into equal pieces no longer than `spacing`."""
     result = np.empty((total, points.shape[1]))
     row = 0
-    for k in range(len(pieces)):
-        count = max(1, pieces[k])
+    for k in range(len(points) - 1):
+        count = _pieces(points, k, spacing)
         for part in range(count):
             for c in range(points.shape[1]):
                 result[row, c] = points[k, c] + part / count * (points[k + 1, c] - points[k, c])
             row += 1
-    result[row] = points[-1]
+    for c in range(points.shape[1]):
+        result[row, c] = points[-1, c]
     return result
 
 

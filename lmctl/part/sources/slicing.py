@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from lmctl.array_types import FloatArray, IntArray
+from lmctl.field.kernel import kernel
 from lmctl.field.plane import loop_area_mm2
 
 
@@ -66,7 +67,7 @@ class MeshSlicer:
         return p[:, :2] + t[:, None] * (q - p)[:, :2], number.reshape(-1, 2)
 
 
-def _chains(links: IntArray) -> list[list[int]]:
+def _chains(links: IntArray) -> list[IntArray]:
     """Walk the links into closed chains of point numbers; each link is used once.
 
     Every point has an even number of links. Where it has more than two (surfaces that touch along
@@ -74,30 +75,56 @@ def _chains(links: IntArray) -> list[list[int]]:
     """
     if len(links) == 0:
         return []
-    ends = links.ravel()
-    order = np.argsort(ends, kind="stable")
-    starts = np.searchsorted(ends[order], np.arange(ends.max() + 2)).tolist()
-    at_point = order.tolist()  # entry e belongs to link e // 2 and to its end e % 2
-    flat = ends.tolist()
-    used = bytearray(len(links))
-    chains = []
-    for link in range(len(links)):
+    points, starts = _chains_kernel(np.ascontiguousarray(links, dtype=np.int64))
+    return np.split(points, starts[1:-1])
+
+
+@kernel
+def _chains_kernel(links: IntArray) -> tuple[IntArray, IntArray]:
+    """Point numbers of all chains one after the other, and where each begins.
+
+    links : (s, 2); entry e is end e % 2 of link e // 2
+    """
+    n = len(links)
+    first = np.zeros(links.max() + 2, np.int64)  # entries at each point, in their order
+    for e in range(2 * n):
+        first[links[e // 2, e % 2] + 1] += 1
+    for point in range(len(first) - 1):
+        first[point + 1] += first[point]
+    place = first[:-1].copy()
+    entry = np.empty(2 * n, np.int64)
+    for e in range(2 * n):
+        point = links[e // 2, e % 2]
+        entry[place[point]] = e
+        place[point] += 1
+    used = np.zeros(n, np.bool_)
+    chain, starts = np.empty(2 * n, np.int64), np.empty(n + 1, np.int64)
+    count = chains = 0
+    for link in range(n):
         if used[link]:
             continue
-        used[link] = 1
-        chain = [flat[2 * link]]
-        point = flat[2 * link + 1]
-        while point != chain[0]:
-            chain.append(point)
-            for entry in at_point[starts[point] : starts[point + 1]]:
-                if not used[entry // 2]:
-                    used[entry // 2] = 1
-                    point = flat[entry ^ 1]
+        used[link] = True
+        starts[chains] = count
+        begin, point = links[link, 0], links[link, 1]
+        chain[count] = begin
+        count += 1
+        while point != begin:
+            chain[count] = point
+            count += 1
+            onward = -1
+            for k in range(first[point], first[point + 1]):
+                if not used[entry[k] // 2]:
+                    onward = entry[k]
                     break
-            else:
+            if onward < 0:
                 break
-        chains.append([*chain, chain[0]])
-    return chains
+            used[onward // 2] = True
+            point = links[onward // 2, 1 - onward % 2]
+        chain[count] = begin
+        count += 1
+        chains += 1
+    starts[chains] = count
+    return chain[:count].copy(), starts[: chains + 1].copy()
 
 
 def _closed(points: FloatArray) -> FloatArray | None:

@@ -7,6 +7,7 @@ over squares of two beads, as beads are round and flow into each other but not i
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,28 +35,29 @@ class Deposit:
 
     def filled_slice_fraction(self) -> float:
         """Part of the slice that is filled, none counted twice, 0 to 1."""
-        return self._over_slice(np.minimum(self.filled_fraction_by_cell, 1))
+        return self._over_slice[0]
 
     def double_slice_fraction(self) -> float:
         """What is deposited inside beyond what fits, over the slice."""
-        return self._over_slice(np.maximum(self.filled_fraction_by_cell - 1, 0))
+        return self._over_slice[1]
 
     def outside_slice_fraction(self) -> float:
         """What is deposited outside, over the slice."""
-        cells = float(self.inside_cell_fraction.sum())
-        return self.outside_cells / cells if cells else 0.0
+        return self._over_slice[2]
 
     def filled_fraction_of_pieces(self, label: NDArray[np.int32], count: int) -> FloatArray:
         """`inside` of each of `count` pieces; label : (ny, nx), their numbers, −1 for none."""
-        filled = (np.minimum(self.filled_fraction_by_cell,
-                             1) * self.inside_cell_fraction)[label >= 0]
-        number = label[label >= 0]
-        room = np.bincount(number, self.inside_cell_fraction[label >= 0], minlength=count)
-        return np.asarray(np.bincount(number, filled, minlength=count) / np.maximum(room, 1e-9))
+        return np.asarray(_pieces_kernel(
+            self.inside_cell_fraction, self.filled_fraction_by_cell, label, count))
 
-    def _over_slice(self, values: NDArray[np.float32]) -> float:
-        cells = float(self.inside_cell_fraction.sum())
-        return float((values * self.inside_cell_fraction).sum()) / cells if cells else 0.0
+    @cached_property
+    def _over_slice(self) -> tuple[float, float, float]:
+        """Deposited inside, beyond what fits, and outside, over the slice."""
+        cells, filled, double = _slice_kernel(
+            self.inside_cell_fraction, self.filled_fraction_by_cell)
+        if cells == 0.0:
+            return 0.0, 0.0, 0.0
+        return filled / cells, double / cells, self.outside_cells / cells
 
 
 def deposit_on(
@@ -74,13 +76,43 @@ def deposit_on(
 
 
 @kernel
+def _slice_kernel(
+    part: NDArray[np.float32], filled: NDArray[np.float32]
+) -> tuple[float, float, float]:
+    """Cells of the slice, those filled, and what is deposited in them beyond that, in cells."""
+    cells, once, more = 0.0, 0.0, 0.0
+    for j in range(part.shape[0]):
+        for i in range(part.shape[1]):
+            cells += part[j, i]
+            once += min(filled[j, i], 1.0) * part[j, i]
+            more += max(filled[j, i] - 1.0, 0.0) * part[j, i]
+    return cells, once, more
+
+
+@kernel
+def _pieces_kernel(
+    part: NDArray[np.float32], filled: NDArray[np.float32], label: NDArray[np.int32], count: int
+) -> FloatArray:
+    inside, room = np.zeros(count), np.zeros(count)
+    for j in range(part.shape[0]):
+        for i in range(part.shape[1]):
+            piece = label[j, i]
+            if piece >= 0:
+                inside[piece] += min(filled[j, i], 1.0) * part[j, i]
+                room[piece] += part[j, i]
+    for piece in range(count):
+        inside[piece] /= max(room[piece], 1e-9)
+    return inside
+
+
+@kernel
 def _deposit_kernel(
     points: FloatArray, starts: NDArray[np.int64], strip: FloatArray, depth: NDArray[np.float32],
     part: NDArray[np.float32], half_tile: int, filled: NDArray[np.float32],
 ) -> float:
-    """Strips in samples of a node along and half of one across, each shared by the cells around it
-    as far as these are inside; in node units. Then `filled`, in tiles of 2 half_tile + 1 cells.
-    Returns what lies outside the outline."""
+    """Strips in samples of a node along and two thirds of one across, each shared by the cells
+    around it as far as these are inside; in node units. Then `filled`, in tiles of
+    2 half_tile + 1 cells. Returns what lies outside the outline."""
     ny, nx = part.shape
     height = np.zeros((ny, nx), np.float32)
     outside = 0.0
@@ -94,7 +126,7 @@ def _deposit_kernel(
             for a in range(along):
                 t = (a + 0.5) / along
                 width = strip[k] + t * (strip[k + 1] - strip[k])
-                across = int(2 * width) + 1
+                across = int(1.5 * width) + 1
                 amount = width * length / (along * across)
                 x, y = points[k, 0] + t * dx, points[k, 1] + t * dy
                 for c in range(across):
@@ -107,6 +139,13 @@ def _deposit_kernel(
                     u, v = u - i, v - j
                     w00, w01 = (1 - u) * (1 - v), u * (1 - v)
                     w10, w11 = (1 - u) * v, u * v
+                    if (part[j, i] == 1.0 and part[j, i + 1] == 1.0 and part[j + 1, i] == 1.0
+                            and part[j + 1, i + 1] == 1.0):
+                        height[j, i] += amount * w00
+                        height[j, i + 1] += amount * w01
+                        height[j + 1, i] += amount * w10
+                        height[j + 1, i + 1] += amount * w11
+                        continue
                     deep = (w00 * depth[j, i] + w01 * depth[j, i + 1]
                             + w10 * depth[j + 1, i] + w11 * depth[j + 1, i + 1])
                     w00, w01 = w00 * part[j, i], w01 * part[j, i + 1]

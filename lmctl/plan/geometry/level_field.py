@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lmctl.array_types import FloatArray
+from lmctl.array_types import FloatArray, IntArray
 from lmctl.field.kernel import inner_kernel, kernel
 from lmctl.plan.geometry.bead_count import BeadCount
 from lmctl.plan.geometry.level_steps import (
@@ -37,6 +37,8 @@ _PAST_AXIS = 0.1
 _FOUND = 0.15
 #: A point of the axis is where a ray meets it, if it lies beside the ray by less [nodes].
 _BESIDE_RAY = 0.5
+#: Along the axis, the point where a ray meets it is looked for in so many steps at most.
+_MOST_STEPS = 8
 #: From so many tracks outside the core on, the second one's strip may differ from the pitch.
 SHIFTED_FROM = 3
 #: A node from which no way uphill was followed yet.
@@ -75,7 +77,7 @@ def level_field(
     _level_kernel(
         raster.depth_mm, raster.segments, raster.nearest, raster.grid.pitch_mm,
         axis.points_mm - np.array(raster.grid.origin_mm), axis.depth_mm, axis.slope,
-        axis.is_central, axis.at_edge, beads.track_count, beads.depth_mm, beads.owner,
+        axis.is_central, axis.links, axis.at_edge, beads.track_count, beads.depth_mm, beads.owner,
         beads.is_point, pitch_mm, second_mm, float(raster.depth_mm.max()), level, strip_mm, outer,
         count, smoothing_bell(), wave)
     return LevelField(level, strip_mm, outer, count, wave)
@@ -130,12 +132,56 @@ def _depth_at(depth: NDArray[np.float32], u: float, v: float) -> float:
 
 
 @inner_kernel
-def _is_before_axis(
-    depth: NDArray[np.float32], fx: float, fy: float, ux: float, uy: float, t: float, pitch: float
-) -> bool:
-    """Whether a ray from the outline is, after a length t, still nearest to where it began."""
-    here = _depth_at(depth, (fx + t * ux) / pitch, (fy + t * uy) / pitch)
-    return bool(here >= t - _PAST_AXIS * pitch)
+def _ray_end(
+    depth: NDArray[np.float32], fx: float, fy: float, ux: float, uy: float, low: float,
+    high: float, guess: float, pitch: float
+) -> float:
+    """Up to what length a ray from the outline is nearest to where it began.
+
+    low, high : a length at which it is and one at which it is not; guess : a likely one, or −1
+    Beyond the axis the depth falls no faster than it rose: what is left of it at a length bounds
+    the ray, closely where walls are opposite. So lengths just below that bound are tried in turn
+    with those half-way.
+    """
+    found, tolerance = _FOUND * pitch, _PAST_AXIS * pitch
+    t = min(high, guess + pitch) if guess > low else high
+    below_bound = True
+    while high - low > found:
+        here = _depth_at(depth, (fx + t * ux) / pitch, (fy + t * uy) / pitch)
+        if here >= t - tolerance:
+            low = t
+        else:
+            high = min(t, 0.5 * (t + here + tolerance))
+        t = max(high - 0.5 * found, low) if below_bound else 0.5 * (low + high)
+        below_bound = not below_bound
+    return low
+
+
+@inner_kernel
+def _along_and_beside(
+    points: FloatArray, point: int, fx: float, fy: float, ux: float, uy: float
+) -> tuple[float, float]:
+    """How far along a ray a point of the axis lies, and how far beside it."""
+    wx, wy = points[point, 0] - fx, points[point, 1] - fy
+    return wx * ux + wy * uy, abs(wx * uy - wy * ux)
+
+
+@inner_kernel
+def _linked_points(links: IntArray, count: int) -> tuple[IntArray, IntArray]:
+    """Where the points linked to each of `count` points begin, (count + 1,), and those points."""
+    first = np.zeros(count + 1, np.int64)
+    for k in range(len(links)):
+        first[links[k, 0] + 1] += 1
+        first[links[k, 1] + 1] += 1
+    for point in range(count):
+        first[point + 1] += first[point]
+    place, onward = first[:-1].copy(), np.empty(2 * len(links), np.int64)
+    for k in range(len(links)):
+        for end in range(2):
+            point = links[k, end]
+            onward[place[point]] = links[k, 1 - end]
+            place[point] += 1
+    return first, onward
 
 
 @inner_kernel
@@ -201,7 +247,7 @@ def _steepest(depth: NDArray[np.float32], i: int, j: int) -> tuple[int, int]:
 def _level_kernel(
     depth: NDArray[np.float32], segments: FloatArray, nearest: NDArray[np.int32], pitch: float,
     points: FloatArray, axis_depth: FloatArray, slope: FloatArray, is_central: NDArray[np.bool_],
-    at_edge: NDArray[np.int32], count: NDArray[np.int64], width: FloatArray,
+    links: IntArray, at_edge: NDArray[np.int32], count: NDArray[np.int64], width: FloatArray,
     owner: NDArray[np.int64], is_point: NDArray[np.bool_], track_pitch: float, second: float,
     deepest: float,
     level: NDArray[np.float32], strip: NDArray[np.float32], outer: NDArray[np.int32],
@@ -209,6 +255,7 @@ def _level_kernel(
 ) -> None:
     ny, nx = depth.shape
     uphill = np.full((ny, nx), _UNKNOWN, np.int32)
+    first, onward = _linked_points(links, len(points))
     tolerance = _PAST_AXIS * pitch
     above = np.full(nx, -1, np.int64)  # where the rays through the row before met the axis
     for j in range(ny):
@@ -224,40 +271,28 @@ def _level_kernel(
             if away <= 1e-9:
                 continue
             ux, uy = (i * pitch - fx) / away, (j * pitch - fy) / away
-            # Neighbouring rays end nearby: at the same point, or at one beside it.
-            point, low, beside, guess = -1, d, _BESIDE_RAY * pitch, -1.0
+            # Neighbouring rays end nearby: at the same point, or at one a few links along the axis.
+            point, low, guess = -1, d, -1.0
             for k in range(2):
-                near = int(left if k == 0 else above[i])
-                if near < 0:
+                met = int(left if k == 0 else above[i])
+                if met < 0 or point >= 0:
                     continue
-                wx, wy = points[near, 0] - fx, points[near, 1] - fy
-                t = wx * ux + wy * uy
-                off = abs(wx * uy - wy * ux)
+                t, off = _along_and_beside(points, met, fx, fy, ux, uy)
+                for _ in range(_MOST_STEPS):
+                    nearer = -1
+                    for e in range(first[met], first[met + 1]):
+                        t_next, off_next = _along_and_beside(points, onward[e], fx, fy, ux, uy)
+                        if off_next < off:
+                            nearer, t, off = int(onward[e]), t_next, off_next
+                    if nearer < 0:
+                        break
+                    met = nearer
                 guess = max(t, d)
-                if off < beside and t >= d - tolerance and abs(t - axis_depth[near]) <= tolerance:
-                    point, low, beside = near, t, off
-            if point < 0 and guess > 0.0:
-                ic, jc = int(fx / pitch + guess / pitch * ux), int(fy / pitch + guess / pitch * uy)
-                for jn in range(max(0, jc - 1), min(ny, jc + 3)):
-                    for im in range(max(0, ic - 1), min(nx, ic + 3)):
-                        for side in range(2):
-                            met = int(at_edge[side, jn, im])
-                            if met < 0:
-                                continue
-                            wx, wy = points[met, 0] - fx, points[met, 1] - fy
-                            off = abs(wx * uy - wy * ux)
-                            t = wx * ux + wy * uy
-                            if (off < beside and t >= d - tolerance
-                                    and abs(t - axis_depth[met]) <= tolerance):
-                                point, low, beside = met, t, off
+                if (off < _BESIDE_RAY * pitch and t >= d - tolerance
+                        and abs(t - axis_depth[met]) <= tolerance):
+                    point, low = met, t
             if point < 0:
-                high = deepest + pitch
-                while high - low > _FOUND * pitch:
-                    t = 0.5 * (low + high)
-                    if _is_before_axis(depth, fx, fy, ux, uy, t, pitch):
-                        low = t
-                    else:
-                        high = t
+                low = _ray_end(depth, fx, fy, ux, uy, low, deepest + pitch, guess, pitch)
             x, y = fx + low * ux, fy + low * uy
             if point < 0:
                 point = _nearest_axis_point(at_edge, points, x, y, pitch, 1)
@@ -281,10 +316,9 @@ def _level_kernel(
             core = _core(n, is_point[point], half, track_pitch)
             fixed = (n - core) // 2
             begin = _outer_depth(fixed, track_pitch, second)
-            left = half - begin
             outer[j, i] = fixed
             level[j, i] = _outer_level(d, fixed, track_pitch, second)
-            strip[j, i] = 2 * left / core
+            strip[j, i] = 2 * (half - begin) / core
             if d > begin:
                 level[j, i] = fixed + (d - begin) / strip[j, i]
     smooth_steps(level, strip, across, outer, depth, track_pitch, bell, wave)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from lmctl.array_types import FloatArray
+from lmctl.field.kernel import kernel
 from lmctl.plan.geometry.link_lines import (
     MIN_LOOP_BRIDGE_LENGTHS,
     LinkableTrack,
@@ -32,6 +33,8 @@ def _joined_in_island(
     lines: list[LinkableTrack], raster: SectionRaster, rules: LinkRules
 ) -> list[LinkableTrack]:
     """`joined_at_ends` of one island."""
+    if all(line.is_closed for line in lines):
+        return lines
     known = dict(enumerate(lines))
     boxes = {key: _reachable_box(line, rules) for key, line in known.items()}
     number = len(lines)
@@ -58,8 +61,8 @@ def _joined_in_island(
 
 def _reachable_box(line: LinkableTrack, rules: LinkRules) -> tuple[float, float, float, float]:
     """Lowest x and y and highest x and y from where a bridge may reach a line [mm]."""
-    points = line.table[:, :2] if line.is_closed else line.table[[0, -1], :2]
-    (low_x, low_y), (high_x, high_y) = points.min(axis=0).tolist(), points.max(axis=0).tolist()
+    x, y = (line.table if line.is_closed else line.table[[0, -1]]).T[:2]
+    low_x, high_x, low_y, high_y = float(x.min()), float(x.max()), float(y.min()), float(y.max())
     far = rules.longest_bridge_mm
     return low_x - far, low_y - far, high_x + far, high_y + far
 
@@ -86,10 +89,9 @@ def _nearest_on(
     here: FloatArray, target: LinkableTrack, raster: SectionRaster, rules: LinkRules
 ) -> tuple[float, int] | None:
     """Distance to a line and its vertex, where a bridge may go; of open ones an end only."""
-    table = target.table if target.is_closed else target.table[[0, -1]]
-    away = np.hypot(table[:, 0] - here[0], table[:, 1] - here[1])
-    nearest = int(np.argmin(away))
-    if away[nearest] > rules.longest_bridge_mm:
+    table = np.ascontiguousarray(target.table if target.is_closed else target.table[[0, -1]])
+    nearest, away_mm = _nearest_row(table, here[0], here[1])
+    if away_mm > rules.longest_bridge_mm:
         return None
     if np.abs(table[nearest, 3:] - here[3:]).max() > rules.mixture_step + 1e-9:
         return None
@@ -97,7 +99,18 @@ def _nearest_on(
     depth = interpolate_bilinear(raster.depth_mm, raster.grid, way)
     if depth.min() < rules.least_depth_mm:
         return None
-    return float(away[nearest]), nearest
+    return away_mm, nearest
+
+
+@kernel
+def _nearest_row(table: FloatArray, x: float, y: float) -> tuple[int, float]:
+    """The first row whose point is nearest to a place, and its distance."""
+    nearest, least = 0, np.inf
+    for k in range(len(table)):
+        d2 = (table[k, 0] - x) ** 2 + (table[k, 1] - y) ** 2
+        if d2 < least:
+            nearest, least = k, d2
+    return nearest, np.sqrt(least)
 
 
 def _joined(line: LinkableTrack, end: int, target: LinkableTrack, vertex: int,

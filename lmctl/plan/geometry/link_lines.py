@@ -8,7 +8,7 @@ import numpy as np
 
 from lmctl.array_types import FloatArray
 from lmctl.field.kernel import kernel
-from lmctl.plan.polyline import arc_lengths
+from lmctl.plan.polyline import track_lengths
 
 #: The longest bridge, and how deep inside the outline it has to stay, in pitches.
 LONGEST_BRIDGE, LEAST_DEPTH = 1.5, 0.2
@@ -54,17 +54,7 @@ class LinkRules:
 
 
 def arc_lengths_of(line: LinkableTrack) -> FloatArray:
-    return arc_lengths(line.table[:, :2])
-
-
-def rows_at_arc_lengths(table: FloatArray, arc_mm: FloatArray, at_mm: FloatArray) -> FloatArray:
-    """Rows of a closed line at arc lengths, taken round."""
-    at = at_mm % arc_mm[-1]
-    after = np.clip(np.searchsorted(arc_mm, at, side="right"), 1, len(arc_mm) - 1)
-    before = after - 1
-    step = arc_mm[after] - arc_mm[before]
-    share = np.where(step > 0, (at - arc_mm[before]) / np.where(step > 0, step, 1.0), 0.0)
-    return np.asarray(table[before] + share[:, None] * (table[after] - table[before]))
+    return track_lengths(line.table)
 
 
 def rows_between_arc_lengths(
@@ -98,3 +88,15 @@ def _rows_kernel(table: FloatArray, arc: FloatArray, low: float, high: float) ->
             rows[0 if end == 0 else count, c] = table[after - 1, c] + share * (
                 table[after, c] - table[after - 1, c])
     return rows[: count + 1].copy()
+
+
+@kernel
+def point_at_arc_length(table: FloatArray, arc: FloatArray, at: float) -> tuple[float, float]:
+    """The point (x, y) of a closed line at an arc length, taken round."""
+    at = at % arc[-1]
+    after = min(max(int(np.searchsorted(arc, at, side="right")), 1), len(arc) - 1)
+    before = after - 1
+    step = arc[after] - arc[before]
+    share = (at - arc[before]) / step if step > 0 else 0.0
+    return (table[before, 0] + share * (table[after, 0] - table[before, 0]),
+            table[before, 1] + share * (table[after, 1] - table[before, 1]))

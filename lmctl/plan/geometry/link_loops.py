@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import hypot
 
 import numpy as np
 
 from lmctl.array_types import FloatArray, IndexArray, IntArray
+from lmctl.field.kernel import inner_kernel, kernel
 from lmctl.plan.geometry.link_lines import (
     MIN_LOOP_BRIDGE_LENGTHS,
     LinkableTrack,
     LinkRules,
     arc_lengths_of,
-    rows_at_arc_lengths,
+    point_at_arc_length,
     rows_between_arc_lengths,
 )
 from lmctl.plan.geometry.link_places import BridgePlaces, bridge_places
@@ -76,55 +78,98 @@ def _spanning_bridges(
     arcs: list[FloatArray],
 ) -> list[_Bridge]:
     """Bridges that join all loops that can be, none to a loop twice; the first places first."""
+    if len(vertex) == 0:
+        return []
     loop = np.searchsorted(starts, vertex, side="right") - 1
     beside = np.searchsorted(starts, other, side="right") - 1
-    root = list(range(len(arcs)))
-    used: list[list[tuple[float, float]]] = [[] for _ in root]
+    along = np.concatenate(arcs)
+    at_loop, at_beside = along[vertex], along[other]
+    size = np.maximum(gap_mm, 1e-6)
+    order, bounds = _by_pair(loop, beside)
+    chosen = _spanning_kernel(
+        order, bounds, loop, beside, at_loop, at_beside, size,
+        np.array([arc[-1] for arc in arcs]), _MOST_PLACES, _APART, MIN_LOOP_BRIDGE_LENGTHS)
+    return [
+        _Bridge(int(loop[k]), int(beside[k]), float(at_loop[k]), float(at_beside[k]),
+                float(size[k]))
+        for k in chosen.tolist()]
 
-    def found(number: int) -> int:
-        while root[number] != number:
-            root[number] = root[root[number]]
-            number = root[number]
-        return number
 
-    def is_free(number: int, at_mm: float, size_mm: float) -> bool:
-        whole = float(arcs[number][-1])
-        if whole < MIN_LOOP_BRIDGE_LENGTHS * size_mm:
+@inner_kernel
+def _root(root: IntArray, number: int) -> int:
+    while root[number] != number:
+        root[number] = root[root[number]]
+        number = root[number]
+    return number
+
+
+@inner_kernel
+def _is_free(
+    used_at: FloatArray, used_size: FloatArray, newest: IntArray, before: IntArray, loop: int,
+    at: float, size: float, whole: float, apart: float, least_lengths: float,
+) -> bool:
+    """Whether a loop has room for a bridge beside those that it has."""
+    if whole < least_lengths * size:
+        return False
+    k = newest[loop]
+    while k >= 0:
+        away = abs(at - used_at[k])
+        if min(away, whole - away) < apart * max(size, used_size[k]):
             return False
-        return all(
-            min(abs(at_mm - there), whole - abs(at_mm - there)) >= _APART * max(size_mm, size)
-            for there, size in used[number])
+        k = before[k]
+    return True
 
-    bridges: list[_Bridge] = []
-    for places in _by_pair(loop, beside):
-        a, b = int(loop[places[0]]), int(beside[places[0]])
-        if found(a) == found(b):
+
+@kernel
+def _spanning_kernel(
+    order: IndexArray, bounds: IndexArray, loop: IndexArray, beside: IndexArray,
+    at_loop: FloatArray, at_beside: FloatArray, size: FloatArray, whole: FloatArray,
+    most_places: int, apart: float, least_lengths: float,
+) -> IntArray:
+    """Numbers of the places chosen, pair by pair; a pair's are order[bounds[p]:bounds[p + 1]]."""
+    n = len(whole)
+    root = np.arange(n)
+    newest = np.full(n, -1, np.int64)  # of each loop's bridges; `before` is the one before that
+    before = np.empty(2 * n, np.int64)
+    used_at, used_size = np.empty(2 * n), np.empty(2 * n)
+    chosen = np.empty(n, np.int64)
+    count = 0
+    for pair in range(len(bounds) - 1):
+        first = order[bounds[pair]]
+        if _root(root, loop[first]) == _root(root, beside[first]):
             continue
-        for place in places[:_MOST_PLACES].tolist():
-            a, b = int(loop[place]), int(beside[place])
-            size = max(float(gap_mm[place]), 1e-6)
-            at_a = float(arcs[a][vertex[place] - starts[a]])
-            at_b = float(arcs[b][other[place] - starts[b]])
-            if is_free(a, at_a, size) and is_free(b, at_b, size):
-                root[found(b)] = found(a)
-                used[a].append((at_a, size))
-                used[b].append((at_b, size))
-                bridges.append(_Bridge(a, b, at_a, at_b, size))
-                break
-    return bridges
+        for e in range(bounds[pair], min(bounds[pair + 1], bounds[pair] + most_places)):
+            k = order[e]
+            if not (_is_free(used_at, used_size, newest, before, loop[k], at_loop[k], size[k],
+                             whole[loop[k]], apart, least_lengths)
+                    and _is_free(used_at, used_size, newest, before, beside[k], at_beside[k],
+                                 size[k], whole[beside[k]], apart, least_lengths)):
+                continue
+            root[_root(root, beside[k])] = _root(root, loop[k])
+            for end in range(2):
+                one, at = (loop[k], at_loop[k]) if end == 0 else (beside[k], at_beside[k])
+                entry = 2 * count + end
+                used_at[entry], used_size[entry] = at, size[k]
+                before[entry], newest[one] = newest[one], entry
+            chosen[count] = k
+            count += 1
+            break
+    return chosen[:count].copy()
 
 
-def _by_pair(loop: IndexArray, beside: IndexArray) -> list[IndexArray]:
-    """The places of each two loops, in their order; those with the foremost one first."""
-    if len(loop) == 0:
-        return []
+def _by_pair(loop: IndexArray, beside: IndexArray) -> tuple[IndexArray, IndexArray]:
+    """The places of each two loops, in their order, those with the foremost one first; and where
+    those of each pair begin, (pairs + 1,)."""
     low, high = np.minimum(loop, beside), np.maximum(loop, beside)
-    key = low * (int(high.max()) + 1) + high
-    order = np.argsort(key, kind="stable")
-    starts = np.flatnonzero(np.diff(key[order], prepend=-1))
-    groups = np.split(order, starts[1:])
-    groups.sort(key=lambda group: int(group[0]))
-    return groups
+    order = np.argsort(low * (int(high.max()) + 1) + high, kind="stable")
+    key = (low * (int(high.max()) + 1) + high)[order]
+    begin = np.flatnonzero(np.append(True, key[1:] != key[:-1]))
+    size = np.diff(np.append(begin, len(order)))
+    by_first = np.argsort(order[begin])
+    begin, size = begin[by_first], size[by_first]
+    bounds = np.append(0, np.cumsum(size))
+    within = np.arange(len(order)) - np.repeat(bounds[:-1], size)
+    return order[np.repeat(begin, size) + within], bounds
 
 
 def _assembled(
@@ -211,9 +256,11 @@ def _goes_forward(
 ) -> bool:
     """Whether a loop cut open is entered at the end of its gap, the way its arc lengths rise."""
     cut, gap = entry
-    ends = rows_at_arc_lengths(table, arc_mm, np.array([cut - gap / 2, cut + gap / 2]))[:, :2]
-    away = np.linalg.norm(ends - here[:2], axis=1)
-    return bool(away[1] < away[0])
+    table = np.ascontiguousarray(table)
+    away = [hypot(x - here[0], y - here[1]) for x, y in (
+        point_at_arc_length(table, arc_mm, cut - gap / 2),
+        point_at_arc_length(table, arc_mm, cut + gap / 2))]
+    return away[1] < away[0]
 
 
 def _seam_distance(points_mm: FloatArray, vertex: IntArray, rules: LinkRules) -> FloatArray:

@@ -12,7 +12,7 @@ from lmctl.field.kernel import inner_kernel, kernel
 from lmctl.plan.geometry.section_raster import SectionRaster
 
 #: Places on a track are at least so far apart, in pitches; short tracks have so many at least.
-_SPACING, _LEAST_PLACES = 0.1, 80
+_SPACING, _LEAST_PLACES = 0.25, 80
 #: Points are sorted into cells of this part of the longest bridge.
 _CELL = 1 / 3
 
@@ -107,7 +107,6 @@ def _places_kernel(
             if k > starts[track]:
                 along[k] = along[k - 1] + np.sqrt(
                     (points[k, 0] - points[k - 1, 0]) ** 2 + (points[k, 1] - points[k - 1, 1]) ** 2)
-    rings = int(np.ceil(reach / cell)) + 1
     rows = np.empty((2, n), np.int64)
     gaps = np.empty((2, n))
     count = 0
@@ -115,26 +114,31 @@ def _places_kernel(
         begin, end = starts[track], starts[track + 1] - 1
         apart = min(spacing, along[end] / least_places)
         passed = -np.inf
+        best = -1
         for k in range(begin, end):
             if along[k] - passed < apart:
                 continue
             passed = along[k]
             px, py = points[k, 0], points[k, 1]
-            i, j = home[k] % nx, home[k] // nx
-            least, best = reach * reach, -1
-            for ring in range(rings + 1):
-                for jn in range(max(0, j - ring), min(ny, j + ring + 1)):
-                    edge = jn == j - ring or jn == j + ring
-                    for im in range(i - ring, i + ring + 1, 1 if edge or ring == 0 else 2 * ring):
-                        if im < 0 or im >= nx:
-                            continue
-                        for e in range(first[jn * nx + im], first[jn * nx + im + 1]):
-                            if owner[e] != track:
-                                d2 = (x[e] - px) ** 2 + (y[e] - py) ** 2
-                                if d2 < least:
-                                    least, best = d2, e
-                if best >= 0 and least <= (ring * cell) ** 2:
-                    break
+            least = reach * reach
+            if best >= 0:  # what was nearest to the last place is not far from this one
+                d2 = (x[best] - px) ** 2 + (y[best] - py) ** 2
+                if d2 < least:
+                    least = d2
+                else:
+                    best = -1
+            away = np.sqrt(least)
+            j0 = max(int((py - away - low_y) / cell), 0)
+            j1 = min(int((py + away - low_y) / cell), ny - 1)
+            i0 = max(int((px - away - low_x) / cell), 0)
+            i1 = min(int((px + away - low_x) / cell), nx - 1)
+            for jn in range(j0, j1 + 1):
+                for e in range(first[jn * nx + i0], first[jn * nx + i1 + 1]):
+                    if owner[e] == track:
+                        continue
+                    d2 = (x[e] - px) ** 2 + (y[e] - py) ** 2
+                    if d2 < least or (d2 == least and best >= 0 and row[e] < row[best]):
+                        least, best = d2, e
             if best < 0 or owner[best] >= closed:
                 continue
             u, v = 0.5 * (px + x[best]) / node, 0.5 * (py + y[best]) / node

@@ -26,7 +26,8 @@ NumberArray = TypeVar("NumberArray", FloatArray, IntArray)
 _LEAST_CHORD = 0.35
 #: Largest slope of the depth along a ridge between opposite walls, each within 30° of parallel.
 _OPPOSITE = 0.5
-_BISECTIONS = 12
+#: Two edges meet where their distances differ by no more than this [nodes]; tries at the most.
+_MEETING, _MOST_TRIES = 1e-4, 12
 #: Distances that differ by less, as a ratio, are equal.
 _EQUALLY_FAR = 1e-3
 #: How often the steps to a peak are halved.
@@ -98,17 +99,35 @@ def _resized(rows: NumberArray, count: int, size: int) -> NumberArray:
 def _meeting(
     segments: FloatArray, a: int, b: int, i: int, j: int, ib: int, jb: int, pitch: float
 ) -> float:
-    """Part of the way from node (j, i) to (jb, ib) where two edges are equally far."""
+    """Part of the way from node (j, i), nearest to edge a, to (jb, ib), nearest to b, where both
+    are equally far: by false position, halving the value of an end that stays (Illinois)."""
     low, high = 0.0, 1.0
-    for _ in range(_BISECTIONS):
-        t = 0.5 * (low + high)
-        x, y = (i + t * (ib - i)) * pitch, (j + t * (jb - j)) * pitch
-        if closest_point_on_segment(segments, a, x, y)[2] < closest_point_on_segment(segments, b, x,
-                                                                                     y)[2]:
-            low = t
+    at_low = _farther(segments, a, b, i * pitch, j * pitch)
+    at_high = _farther(segments, a, b, ib * pitch, jb * pitch)
+    if at_low >= 0.0 or at_high <= 0.0:
+        return 0.0 if at_low >= 0.0 else 1.0
+    t, moved = 0.5, 0
+    for _ in range(_MOST_TRIES):
+        t = (low * at_high - high * at_low) / (at_high - at_low)
+        found = _farther(segments, a, b, (i + t * (ib - i)) * pitch, (j + t * (jb - j)) * pitch)
+        if abs(found) <= _MEETING * pitch:
+            break
+        if found < 0.0:
+            low, at_low = t, found
+            at_high = at_high / 2 if moved == 1 else at_high
+            moved = 1
         else:
-            high = t
-    return 0.5 * (low + high)
+            high, at_high = t, found
+            at_low = at_low / 2 if moved == 2 else at_low
+            moved = 2
+    return t
+
+
+@inner_kernel
+def _farther(segments: FloatArray, a: int, b: int, x: float, y: float) -> float:
+    """By how much edge a is farther from a place than edge b."""
+    return (closest_point_on_segment(segments, a, x, y)[2]
+            - closest_point_on_segment(segments, b, x, y)[2])
 
 
 @inner_kernel

@@ -51,6 +51,7 @@ class Prismatic:
     turning: tuple[float, ...] = ()
     process: ProcessSettings = field(default_factory=ProcessSettings)
     placement_mm: None = None
+    layer_stack: None = None
     name: str = "benchmark"
     materials: tuple[str, ...] = ("one",)
 

@@ -8,6 +8,7 @@ import contourpy
 import numpy as np
 
 from lmctl.array_types import BoolArray, FloatArray, IntArray
+from lmctl.field.kernel import kernel
 from lmctl.plan.geometry.link_lines import LinkableTrack
 from lmctl.plan.geometry.mixture_map import MixtureAt, MixtureMap, nearest_nodes
 from lmctl.plan.geometry.planar_region import grown, loops_of, region_of
@@ -63,9 +64,18 @@ class JumpRegions:
 
 def tracks_cross_jump(tracks: list[LinkableTrack]) -> bool:
     """Whether the mixture jumps between two neighbouring points of a track."""
-    return any(
-        len(track.table) > 1
-        and np.abs(np.diff(track.table[:, 3:], axis=0)).max() > JUMP_FRACTION for track in tracks)
+    return any(_greatest_step(np.ascontiguousarray(track.table), 3) > JUMP_FRACTION
+               for track in tracks)
+
+
+@kernel
+def _greatest_step(table: FloatArray, first: int) -> float:
+    """Greatest difference of two rows in a row, in the columns from the first named on."""
+    most = 0.0
+    for k in range(1, len(table)):
+        for c in range(first, table.shape[1]):
+            most = max(most, abs(table[k, c] - table[k - 1, c]))
+    return most
 
 
 def jump_regions(field: MixtureMap, pitch_mm: float) -> JumpRegions | None:
