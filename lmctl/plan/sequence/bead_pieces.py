@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lmctl.array_types import FloatArray
+from lmctl.array_types import BoolArray, FloatArray
+from lmctl.field.kernel import kernel
 from lmctl.job.schema import LineKind
 from lmctl.plan.melted_below import MeltedBelow
-from lmctl.plan.sequence.flat_arrays import indices_within_stretches
 from lmctl.plan.sequence.moves import Moves
 from lmctl.plan.sequence.track_order import OrderedTracks
 
@@ -63,33 +63,71 @@ def bead_pieces(
     The part's own mixture is that at the tracks' vertices, linear in between, and so is what beads
     melt of the layer below.
     """
-    bead = np.flatnonzero(moves.kind == LineKind.BEAD)
-    begin_s = np.concatenate([[start_s], end_s[:-1]])[bead]
-    lasting_s = end_s[bead] - begin_s
-    before = np.vstack([moves.fractions[:1], moves.fractions[:-1]])[bead]
-    from_mm = np.vstack([start_mm, moves.target_mm[:-1]])[bead, :2]
-    way_mm = moves.target_mm[bead, :2] - from_mm
-    length_mm = np.sqrt((way_mm**2).sum(axis=1))
-    pieces = np.maximum(1, np.ceil(lasting_s / _EVERY_S).astype(np.intp))
-    line = np.repeat(np.arange(len(bead)), pieces)
-    share = (indices_within_stretches(pieces) + 0.5) / pieces[line]
-    along = moves.along_mm[bead]
-    at = along[line, 0] + share * (along[:, 1] - along[:, 0])[line]
-    fed = before[line] + share[:, None] * (moves.fractions[bead] - before)[line]
-    melted = None if tracks.melted is None else tracks.melted.at_lengths(tracks.along_mm, at)
     own = tracks.fractions if tracks.designed is None else tracks.designed
-    designed = np.column_stack([np.interp(at, tracks.along_mm, column) for column in own.T])
+    at_s, at_mm, numbers, fed, designed = _pieces(
+        moves.kind == LineKind.BEAD, moves.target_mm, np.asarray(start_mm, dtype=np.float64),
+        start_s, end_s, moves.fractions, moves.along_mm, moves.bead_width_mm, tracks.along_mm,
+        np.ascontiguousarray(own), _EVERY_S)
+    melted = None if tracks.melted is None else tracks.melted.at_lengths(tracks.along_mm, at_mm)
     if melted is not None:
         designed = melted.designed if tracks.designed is None else np.column_stack(
             [designed, np.zeros(len(designed))])
     return BeadPieces(
-        layer, z_mm,
-        at_s=begin_s[line] + share * lasting_s[line],
-        duration_s=lasting_s[line] / pieces[line],
-        place_mm=from_mm[line] + share[:, None] * way_mm[line] - offset_mm[:2],
-        direction=(way_mm / np.maximum(length_mm, 1e-12)[:, None])[line],
-        length_mm=length_mm[line] / pieces[line],
-        width_mm=moves.bead_width_mm[bead][line],
+        layer, z_mm, at_s=at_s, duration_s=numbers[0],
+        place_mm=np.ascontiguousarray(numbers[1:3].T - offset_mm[:2]),
+        direction=np.ascontiguousarray(numbers[3:5].T), length_mm=numbers[5], width_mm=numbers[6],
         fed=fed, planned=fed if melted is None else melted.laid(fed),
-        designed=designed,
-        melted=melted)
+        designed=designed, melted=melted)
+
+
+@kernel
+def _pieces(
+    is_bead: BoolArray, target: FloatArray, start: FloatArray, start_s: float, end_s: FloatArray,
+    fractions: FloatArray, along: FloatArray, width: FloatArray, track_along: FloatArray,
+    field: FloatArray, every_s: float,
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Middles of pieces of bead lines: program time and place on the tracks, (q,) each; duration,
+    place, direction, length and width, rows of (7, q); mixtures fed and of the part (q, materials).
+
+    is_bead, end_s, width : (n,) of lines; target : (n, 3); fractions : (n, materials)
+    along : (n, 2) as in `Moves`; track_along : (v,) rising; field : (v, materials) mixture there
+    """
+    n, materials = fractions.shape
+    pieces = np.zeros(n, np.int64)
+    count = 0
+    for line in range(n):
+        if is_bead[line]:
+            begin_s = end_s[line - 1] if line > 0 else start_s
+            pieces[line] = max(1, int(np.ceil((end_s[line] - begin_s) / every_s)))
+            count += pieces[line]
+    at_s, at, numbers = np.empty(count), np.empty(count), np.empty((7, count))
+    fed, designed = np.empty((count, materials)), np.empty((count, materials))
+    q, v = 0, 1
+    for line in range(n):
+        if pieces[line] == 0:
+            continue
+        before = max(line - 1, 0)
+        begin_s = end_s[line - 1] if line > 0 else start_s
+        x, y = (target[line - 1, 0], target[line - 1, 1]) if line > 0 else (start[0], start[1])
+        dx, dy = target[line, 0] - x, target[line, 1] - y
+        length = np.sqrt(dx * dx + dy * dy)
+        for piece in range(pieces[line]):
+            share = (piece + 0.5) / pieces[line]
+            at_s[q] = begin_s + share * (end_s[line] - begin_s)
+            at[q] = along[line, 0] + share * (along[line, 1] - along[line, 0])
+            numbers[0, q] = (end_s[line] - begin_s) / pieces[line]
+            numbers[1, q], numbers[2, q] = x + share * dx, y + share * dy
+            numbers[3, q], numbers[4, q] = dx / max(length, 1e-12), dy / max(length, 1e-12)
+            numbers[5, q], numbers[6, q] = length / pieces[line], width[line]
+            while v < len(track_along) - 1 and track_along[v] < at[q]:
+                v += 1
+            while v > 1 and track_along[v - 1] > at[q]:
+                v -= 1
+            into = (at[q] - track_along[v - 1]) / (track_along[v] - track_along[v - 1])
+            into = min(max(into, 0.0), 1.0)
+            for m in range(materials):
+                fed[q, m] = fractions[before, m] + share * (
+                    fractions[line, m] - fractions[before, m])
+                designed[q, m] = field[v - 1, m] + into * (field[v, m] - field[v - 1, m])
+            q += 1
+    return at_s, at, numbers, fed, designed
