@@ -86,9 +86,15 @@ def _is_inside(at: FloatArray, start: FloatArray, end: FloatArray) -> NDArray[np
 
 
 def nothing_to_deposit(part: Part) -> PlanError:
-    """The error of a part without tracks in any layer."""
+    """The error of a part without tracks in any layer.
+
+    What is narrower than a bead has one track from half a bead on, unless `narrow_features` says
+    otherwise.
+    """
+    process = part.process
+    least = "a bead" if process.narrow_features == "omit" else "half a bead"
     return PlanError(
-        f"{part.name} has nothing as wide as a bead",
-        where=f"process.bead_width_mm = {part.process.bead_width_mm:g}, "
-              f"strategy {part.process.strategy}",
+        f"{part.name} has nothing as wide as {least}: no layer has a track",
+        where=f"process.bead_width_mm = {process.bead_width_mm:g}, "
+              f"narrow_features {process.narrow_features}, strategy {process.strategy}",
         hint="take a finer bead, or check the units of the part")

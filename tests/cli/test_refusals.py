@@ -109,7 +109,7 @@ def test_a_bare_mesh_in_metres_is_shown_how_to_say_so_and_can_be_checked(
 
 def test_a_part_narrower_than_a_bead_is_found_by_checking(refused: Refused, tmp_path: Path) -> None:
     part = write(tmp_path / "block.toml", BOX + "[process]\nbead_width_mm = 30\nspeed_mm_s = 4\n")
-    assert "nothing as wide as a bead" in refused("check", part, code=1)
+    assert "nothing as wide as half a bead" in refused("check", part, code=1)
 
 
 @pytest.mark.parametrize(

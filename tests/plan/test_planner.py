@@ -223,7 +223,7 @@ def test_other_horizons(tmp_path, make_part, shapes, profile):
 @pytest.mark.parametrize(
     ("change", "reason"),
     [
-        ({"outline": "thin"}, "nothing as wide as a bead"),
+        ({"outline": "thin"}, "nothing as wide as half a bead"),
         ({"height_mm": 0.3}, "not more than half a layer"),
         ({"placement_mm": (290.0, 150.0, 0.0)}, "outside the travel"),
         ({"process": ProcessSettings(layer_height_mm=8.0), "height_mm": 16.0}, "at most 60"),
