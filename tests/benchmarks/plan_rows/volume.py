@@ -52,6 +52,8 @@ class Prismatic:
     process: ProcessSettings = field(default_factory=ProcessSettings)
     placement_mm: None = None
     layer_stack: None = None
+    copies: tuple[()] = ()
+    alloy_rules: None = None
     name: str = "benchmark"
     materials: tuple[str, ...] = ("one",)
 
