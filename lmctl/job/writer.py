@@ -43,9 +43,12 @@ class JobWriter:
             raise JobError(f"{self._path} is a folder, not a file name")
         try:
             self._file = self._temporary.open("xb+")
+            self._zip = zipfile.ZipFile(self._file, "w", zipfile.ZIP_STORED)
         except OSError as error:
             raise self._cannot_write(error) from None
-        self._zip = zipfile.ZipFile(self._file, "w", zipfile.ZIP_STORED)
+        except BaseException:  # an interrupt may come as soon as the file is there
+            self._discard()
+            raise
         return self
 
     def __exit__(
@@ -125,9 +128,9 @@ class JobWriter:
             raise self._cannot_write(error) from None
 
     def _discard(self) -> None:
-        with contextlib.suppress(OSError, ValueError):
+        with contextlib.suppress(OSError, ValueError, AttributeError):
             self._zip.close()  # else it would try when it is collected
-        with contextlib.suppress(OSError):
+        with contextlib.suppress(OSError, AttributeError):
             self._file.close()
         self._temporary.unlink(missing_ok=True)
 

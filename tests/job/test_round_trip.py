@@ -147,3 +147,14 @@ def test_a_long_job_takes_no_more_memory_than_a_short_one(tmp_path, manifest, la
         return most
 
     assert peak(24) < 1.3 * peak(6)
+
+
+def test_an_interrupt_while_the_file_is_opened_leaves_nothing(tmp_path, monkeypatch):
+    """Ctrl-C may come between any two steps, so after the hidden file has been made, too."""
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("lmctl.job.writer.zipfile.ZipFile", interrupted)
+    with pytest.raises(KeyboardInterrupt), JobWriter(tmp_path / "part.lmj"):
+        pass
+    assert list(tmp_path.iterdir()) == []
