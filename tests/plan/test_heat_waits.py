@@ -43,7 +43,8 @@ def test_a_limit_is_kept_by_waits_at_the_purge_position(plan, profile):
     hot, _ = plan(LIMITED.replace("= 250", "= 3000"))
     assert free.heat == ()
     assert max(layer.interpass_C for layer in hot.heat) > 300
-    assert max(layer.interpass_C for layer in limited.heat) <= 251
+    # within a fiftieth of the rise that the limit allows
+    assert max(layer.interpass_C for layer in limited.heat) <= 250 + (250 - 20) / 50
     said = limited.totals["predicted_heat"]
     assert said["wait_s"] > 5
     assert said["wait_s"] == pytest.approx(sum(layer.wait_s for layer in limited.heat), abs=0.1)

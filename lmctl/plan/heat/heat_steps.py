@@ -19,6 +19,9 @@ from lmctl.array_types import FloatArray, IndexArray
 from lmctl.field.kernel import inner_kernel, kernel
 from lmctl.plan.heat.cell_body import conduct, connect_cell
 
+#: Columns that a bead has filled are connected anew every so many steps: it takes most of the time.
+CONNECT_EVERY = 3
+
 
 @dataclass(frozen=True)
 class BeadLines:
@@ -93,6 +96,8 @@ def advance_cells(
     gain = np.zeros_like(up[0])  # into the deep cells, by fine column, sum over steps [W]
     a, b, deep_a, deep_b = t, t_new, deep_t, deep_new
     line, read, since = 0, 0, 0
+    touched = np.empty(4, np.int64)
+    forget(touched)
     for step in range(steps):
         begin = now_s + step * dt
         end = begin + dt
@@ -114,14 +119,16 @@ def advance_cells(
                 aside = places[other, 4] / 4 / max(np.hypot(along_x, along_y), 1e-9)
                 half = 0.5 * (u1 - u0)
                 for side in (-aside, aside):  # so that strips side by side fill evenly
-                    deposit(a, volume, capacity, conductivity, cover, east, north, up, loss, dx, dy,
-                            n, box, cover_before, volume_before, origin, cell_mm, layer_mm,
-                            loss_W_mm2_K, ambient_C,
+                    deposit(a, volume, capacity, conductivity, cover, dx, dy, n, box, cover_before,
+                            volume_before, origin, cell_mm, layer_mm, ambient_C,
                             places[other, 0] + middle * along_x + side * along_y,
                             places[other, 1] + middle * along_y - side * along_x,
                             amounts[other, 0] * lasting * half, amounts[other, 1] * half,
-                            amounts[other, 2] * half, amounts[other, 3] * half)
+                            amounts[other, 2] * half, amounts[other, 3] * half, touched)
             other += 1
+        if touched[1] >= 0 and (step % CONNECT_EVERY == 0 or step == steps - 1):
+            connect_touched(volume, conductivity, cover, east, north, up, loss, dx, dy, n,
+                            loss_W_mm2_K, touched)
         for j in range(1, ny - 1):
             for i in range(1, nx - 1):
                 gain[j, i] += up[0, j, i] * (a[1, j, i] - a[0, j, i])
@@ -168,11 +175,10 @@ def step_deep_cells(
 @inner_kernel
 def deposit(
     t: FloatArray, volume: FloatArray, capacity: FloatArray, conductivity: FloatArray,
-    cover: FloatArray, east: FloatArray, north: FloatArray, up: FloatArray, loss: FloatArray,
-    dx: FloatArray, dy: FloatArray, n: int, box: IndexArray, cover_before: FloatArray,
-    volume_before: FloatArray, origin: FloatArray, cell_mm: float, layer_mm: float,
-    loss_W_mm2_K: float, ambient_C: float, x: float, y: float, energy_J: float, volume_mm3: float,
-    capacity_J_K: float, conductivity_mm3: float,
+    cover: FloatArray, dx: FloatArray, dy: FloatArray, n: int, box: IndexArray,
+    cover_before: FloatArray, volume_before: FloatArray, origin: FloatArray, cell_mm: float,
+    layer_mm: float, ambient_C: float, x: float, y: float, energy_J: float, volume_mm3: float,
+    capacity_J_K: float, conductivity_mm3: float, touched: IndexArray,
 ) -> None:
     """Add material and heat at a place, divided over the four nearest columns of the top slab."""
     u, v = (x - origin[0]) / cell_mm - 0.5, (y - origin[1]) / cell_mm - 0.5
@@ -194,10 +200,32 @@ def deposit(
             conductivity[n, j, i] += share * conductivity_mm3
             new = (volume[n, j, i] - volume_before[j, i]) / (dx[i] * dy[j] * layer_mm)
             cover[n, j, i] = max(cover_before[j, i], min(new, 1.0))
-            for k, jj, ii in ((n, j, i), (n, j, i - 1), (n, j - 1, i), (n, j, i + 1),
-                              (n, j + 1, i), (n - 1, j, i)):
-                connect_cell(volume, conductivity, cover, east, north, up, loss, dx, dy, k, jj, ii,
-                             loss_W_mm2_K)
+            touched[0], touched[1] = min(touched[0], j), max(touched[1], j)
+            touched[2], touched[3] = min(touched[2], i), max(touched[3], i)
+
+
+@inner_kernel
+def connect_touched(
+    volume: FloatArray, conductivity: FloatArray, cover: FloatArray, east: FloatArray,
+    north: FloatArray, up: FloatArray, loss: FloatArray, dx: FloatArray, dy: FloatArray, n: int,
+    loss_W_mm2_K: float, touched: IndexArray,
+) -> None:
+    """Connect the columns of the top slab that have changed, and forget which they were."""
+    for j in range(touched[0] - 1, touched[1] + 2):
+        for i in range(touched[2] - 1, touched[3] + 2):
+            connect_cell(volume, conductivity, cover, east, north, up, loss, dx, dy, n, j, i,
+                         loss_W_mm2_K)
+    for j in range(touched[0], touched[1] + 1):
+        for i in range(touched[2], touched[3] + 1):
+            connect_cell(volume, conductivity, cover, east, north, up, loss, dx, dy, n - 1, j, i,
+                         loss_W_mm2_K)
+    forget(touched)
+
+
+@inner_kernel
+def forget(touched: IndexArray) -> None:
+    """No column is touched: rows and columns (4,) from more to less."""
+    touched[0], touched[1], touched[2], touched[3] = 1 << 30, -1, 1 << 30, -1
 
 
 @inner_kernel
