@@ -12,7 +12,7 @@ from lmctl.field.kernel import inner_kernel, kernel
 from lmctl.plan.geometry.section_raster import SectionRaster
 
 #: Places on a track are at least so far apart, in pitches; short tracks have so many at least.
-_SPACING, _LEAST_PLACES = 0.25, 80
+_SPACING, _LEAST_PLACES = 0.1, 80
 #: Points are sorted into cells of this part of the longest bridge.
 _CELL = 1 / 3
 
