@@ -146,7 +146,8 @@ def test_a_long_job_takes_no_more_memory_than_a_short_one(tmp_path, manifest, la
         tracemalloc.stop()
         return most
 
-    assert peak(24) < 1.3 * peak(6)
+    peak(2)  # what is loaded at first use is no job's memory
+    assert peak(144) < 1.3 * peak(72)  # both are longer than what is digested at a time
 
 
 def test_an_interrupt_while_the_file_is_opened_leaves_nothing(tmp_path, monkeypatch):
