@@ -40,3 +40,12 @@ def test_reports_that_come_again_prove_no_line_that_was_only_inferred(whole, tmp
     one = scenario(355445)
     reported = run_scenario(one, tmp_path)
     assert list(shortfalls(reported, whole[one.dialect, one.has_laser_enable])) == []
+
+
+def test_a_host_killed_as_the_machine_leaves_the_part_leaves_no_unmoved_machine(whole, tmp_path):
+    """Touched off after a lost place, its program zero makes the machine's zero the place on the
+    path; killed on the way to the purge position and switched off, it says that place again."""
+    one = scenario(510520)
+    reported = run_scenario(one, tmp_path)
+    assert list(shortfalls(reported, whole[one.dialect, one.has_laser_enable])) == []
+    assert reported.lost == 2

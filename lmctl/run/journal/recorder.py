@@ -18,6 +18,9 @@ from lmctl.run.state.transitions import Effect, RunEvent, RunState
 #: Samples wait so long before they are written [s]: after a crash no more than that is in doubt.
 SAMPLE_BATCH_S = 0.5
 
+#: Effects that move the machine.
+_MOVING = frozenset({Effect.MOVE_TO_PURGE, Effect.LEAVE_PART, Effect.START_MOTION})
+
 _COLUMNS = ("t", "line", "x_mm", "y_mm", "z_mm", "feed_mm_min", "s_word")
 
 
@@ -86,8 +89,14 @@ class RunRecorder:
         self._sync()
 
     def record_effect(self, do: Effect, failed: str = "") -> None:
-        """An effect begins, or has failed while the run was being stopped anyway."""
+        """An effect begins, or has failed while the run was being stopped anyway.
+
+        One that moves the machine is on the disk when this returns: recovery must not take a
+        machine for unmoved because the host was killed right after.
+        """
         self._event("act", do=do, **({"failed": failed} if failed else {}))
+        if do in _MOVING:
+            self._sync()
 
     def record_paths_started(self, begun: Iterable[PathSpan]) -> None:
         """Paths whose lines are about to be sent; on the disk when this returns."""
