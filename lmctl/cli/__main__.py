@@ -50,7 +50,7 @@ COMMANDS = {
 
 #: New objects after which Python looks for cycles. Libraries bring more that all stay, and looking
 #: through them every 700 takes a tenth of a short command's time.
-_OBJECTS_A_COLLECTION = 200_000
+_OBJECTS_A_COLLECTION = 300_000
 
 
 @click.command(

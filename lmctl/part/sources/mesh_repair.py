@@ -22,6 +22,7 @@ from lmctl.part.sources.mesh_solids import unite_shells
 from lmctl.part.sources.mesh_topology import (
     connected_components,
     connected_patches,
+    edge_counts,
     edge_numbers,
     merge_equal_vertices,
     odd_count_edges,
@@ -50,7 +51,7 @@ def repair_mesh(mesh: Mesh, name: str, hole_mm: float) -> tuple[Mesh, tuple[str,
     vertices, triangles = merge_equal_vertices(mesh.vertices, mesh.triangles)
     triangles = _without_collapsed(triangles, remarks)
     triangles = _without_copies(triangles, remarks)
-    if (edge_numbers(triangles)[1] != 2).any():
+    if (edge_counts(triangles) != 2).any():
         vertices, triangles = _seams_joined(vertices, triangles, remarks)
         triangles = _cut_at_junctions(vertices, triangles, remarks)
         triangles = _without_fins(triangles, remarks)
@@ -64,7 +65,7 @@ def repair_mesh(mesh: Mesh, name: str, hole_mm: float) -> tuple[Mesh, tuple[str,
     vertices, triangles = split_at_shared_edges(vertices, triangles)
     vertices, triangles = unite_shells(vertices, triangles, turned, name, hole_mm, remarks)
     vertices, triangles = merge_equal_vertices(vertices, triangles)
-    counts = edge_numbers(triangles)[1]
+    counts = edge_counts(triangles)
     if (counts > 2).any():
         remarks.append(f"{_count(counts > 2, 'edge')} with more than two triangles: solids touch "
                     "along edges there, and no more")

@@ -10,7 +10,12 @@ from __future__ import annotations
 import numpy as np
 
 from lmctl.array_types import FloatArray, IntArray
-from lmctl.part.sources.mesh_topology import connected_components, directed_edges, edge_numbers
+from lmctl.part.sources.mesh_topology import (
+    connected_components,
+    directed_edges,
+    edge_counts,
+    edge_numbers,
+)
 
 
 def split_at_shared_edges(
@@ -21,9 +26,9 @@ def split_at_shared_edges(
     triangles : (m, 3), facing out; edges whose triangles do not face both ways equally often stay
         shared
     """
-    number, counts = edge_numbers(triangles)
-    if (counts == 2).all():
+    if (edge_counts(triangles) == 2).all():
         return vertices, triangles
+    number, counts = edge_numbers(triangles)
     edges = directed_edges(triangles)
     order = np.argsort(number, kind="stable")
     pairs = [order[(counts == 2)[number[order]]].reshape(-1, 2)]

@@ -11,16 +11,36 @@ from lmctl.array_types import FloatArray, IntArray
 from lmctl.field.kernel import kernel
 from lmctl.field.union_find import unite
 
+#: Odd numbers without a pattern, one for each coordinate.
+_MIXING = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], dtype=np.uint64)
+
 
 def merge_equal_vertices(vertices: FloatArray, triangles: IntArray) -> tuple[FloatArray, IntArray]:
-    """Corners of exactly equal coordinates made one."""
+    """Corners of exactly equal coordinates made one, in the order of z, then y, then x."""
     points = np.ascontiguousarray(vertices + 0.0)  # −0 and 0 are the same place
-    order = np.lexsort(points.T)
-    new = np.ones(len(order), dtype=bool)
-    new[1:] = np.any(points[order[1:]] != points[order[:-1]], axis=1)
+    first, group = _equal_rows(points)
+    order = np.lexsort(points[first].T)
     number = np.empty(len(order), dtype=np.int64)
-    number[order] = np.cumsum(new) - 1
-    return points[order[new]], number[triangles]
+    number[order] = np.arange(len(order))
+    return points[first[order]], number[group[triangles]]
+
+
+def _equal_rows(points: FloatArray) -> tuple[IntArray, IntArray]:
+    """One row of each set of equal rows, (k,), and the number of each row's set, (n,).
+
+    Rows are brought together by one number mixed from their bits, which is sorted in a third of the
+    time that three columns take; where two different rows have the same, all columns are sorted.
+    """
+    bits = points.view(np.uint64)
+    mixed = (bits * _MIXING).sum(axis=1, dtype=np.uint64)
+    order = np.argsort(mixed)
+    new = np.append(True, mixed[order[1:]] != mixed[order[:-1]]) if len(order) else np.ones(0, bool)
+    if (np.any(points[order[1:]] != points[order[:-1]], axis=1) != new[1:]).any():
+        order = np.lexsort(points.T)
+        new[1:] = np.any(points[order[1:]] != points[order[:-1]], axis=1)
+    group = np.empty(len(order), dtype=np.int64)
+    group[order] = np.cumsum(new) - 1
+    return order[new], group
 
 
 def remove_slivers(corners: FloatArray) -> FloatArray:
@@ -48,6 +68,15 @@ def edge_numbers(triangles: IntArray) -> tuple[IntArray, IntArray]:
         edges[:, 0] * span + edges[:, 1], return_inverse=True, return_counts=True
     )
     return number, counts
+
+
+def edge_counts(triangles: IntArray) -> IntArray:
+    """How often each undirected edge occurs, in no order that means anything."""
+    edges = directed_edges(triangles)
+    span = int(edges.max()) + 1 if len(edges) else 1
+    key = np.sort(edges.min(axis=1) * span + edges.max(axis=1))
+    ends = np.flatnonzero(np.append(key[1:] != key[:-1], True)) if len(key) else key
+    return np.diff(ends, prepend=-1)
 
 
 def odd_count_edges(triangles: IntArray) -> IntArray:

@@ -8,13 +8,13 @@ import numpy as np
 
 from lmctl.config.part_file import ProcessSettings
 from lmctl.job.schema import LayerHeat
-from lmctl.plan.heat.heat_planner import HeatPlanner
 from lmctl.plan.plan_report import Finding, report_finding
 from lmctl.plan.recipe import Recipe
 from lmctl.preflight.placement import Placement
 
 if TYPE_CHECKING:
     from lmctl.part.part import Part
+    from lmctl.plan.heat.heat_planner import HeatPlanner
 
 
 def heat_planner_of(
@@ -25,6 +25,8 @@ def heat_planner_of(
     limit_C = part.process.interpass_max_C
     if limit_C is None or part.build_heat is None or is_excerpt:
         return None
+    from lmctl.plan.heat.heat_planner import HeatPlanner  # late: few parts state a limit
+
     offset = placement.offset_mm
     return HeatPlanner(part.build_heat, limit_C, recipe, placement.low_mm + offset,
                        placement.high_mm + offset)
