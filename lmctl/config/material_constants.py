@@ -19,8 +19,8 @@ class MaterialConstants:
     expansion_1e6_K : linear thermal expansion, in millionths per kelvin
     strength_MPa : yield strength of metals; flexural or transverse rupture strength of ceramics and
         cemented carbides
-    heat_capacity_J_kg_K : specific heat capacity
-    source : of the values
+    heat_capacity_J_kg_K : specific heat capacity; a usual value, not checked against `source`
+    source : of the other values
     """
 
     elastic_modulus_GPa: float
