@@ -80,12 +80,24 @@ _MORE_OF_MAP = {
 }
 
 
+#: Values that make sense, of keys that no file has and whose least value makes none.
+_TYPICAL = {
+    "interpass_max_C": "400", "expansion_1e6_K": "16", "timeout_s": "0.2", "pitch_mm": "0.5",
+    "direction": "[0, 0, 1]", "normal": "[0, 0, 1]", "outward": "[0, 0, 1]", "facing": "[0, 0, 1]",
+    "over_mm": "[0, 10]", "force_N": "[0, 0, -500]", "traction_MPa": "[0, 0, -10]",
+    "at_mm": "[10, 20, 5]", "point_mm": "[10, 20, 5]", "centre_mm": "[10, 20, 5]",
+    "start_mm": "[0, 0, 5]", "end_mm": "[40, 0, 5]", "origin_mm": "[100, 100, 0]",
+    "position_mm": "[60, 0]",
+}
+
+
 def all_rows() -> list[KeyRow]:
     """Every key of every kind of file, with an example where one ships."""
     rows = [*model_rows(PartFile, "part"), *model_rows(MachineProfile, "machine"),
             *bench_rows(), *fault_rows(), *map_rows()]
     examples = dict(_examples())
-    return [row._replace(example=examples.get(row.path, "") or _possible(row)) for row in rows]
+    return [row._replace(example=_shipped(row, examples) or _typical(row) or _possible(row))
+            for row in rows]
 
 
 def bench_rows() -> list[KeyRow]:
@@ -206,6 +218,18 @@ def _values(table: dict[str, Any], path: str) -> Iterator[tuple[str, str]]:
                         yield here, as_toml(value) if isinstance(value, dict) else ""
             elif len(as_toml(value)) <= 60:
                 yield here, as_toml(value)
+
+
+def _shipped(row: KeyRow, examples: dict[str, str]) -> str:
+    """The value of a key in a file that ships; a body's composition has the keys of a part's."""
+    of_part = row.path.replace("part.body.composition.", "part.composition.")
+    return examples.get(row.path, "") or examples.get(of_part, "")
+
+
+def _typical(row: KeyRow) -> str:
+    value = _TYPICAL.get(row.key, "")
+    fits = row.type.startswith("list") if value.startswith("[") else row.type == "number"
+    return value if fits else ""
 
 
 def _possible(row: KeyRow) -> str:
