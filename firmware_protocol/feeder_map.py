@@ -56,7 +56,7 @@ SUBSTITUTES: Mapping[str, Mapping[str, str]] = {
                                         "for some milliseconds a mixture is half changed"},
     "watchdog": {"interlock": "powder goes on when the host stops: the watchdog relay of the "
                               "safety device must switch the feeder off"},
-    "remote": {"always": "it obeys whoever writes: its own switch is not seen"},
+    "remote": {"always": "it obeys any host that writes: its own switch is not seen"},
     "feed": {"zero_flow": "powder stops by set-points of 0"},
     "gas": {"by_hand": "the carrier gas is switched by hand, and is taken to flow"},
     "gas_ok": {"timed": "gas counts as flowing after the pre-flow time of the profile"},

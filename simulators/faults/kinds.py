@@ -297,7 +297,7 @@ _CELL_KINDS = (
     FaultKind("door", "the door is opened: every input that senses it", FaultTarget.CELL,
               _STOP,
               "door", is_lasting=True),
-    FaultKind("host_killed", "the host's process is killed (SIGKILL), by whoever owns it",
+    FaultKind("host_killed", "the host's process is killed (SIGKILL) by the test that started it",
               FaultTarget.HOST, _STOP, ""),
 )
 
