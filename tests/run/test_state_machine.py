@@ -261,6 +261,19 @@ def test_a_wish_the_state_does_not_know_is_no_fault():
     assert Effect.FEED_HOLD in rig.log
 
 
+@pytest.mark.parametrize("event", [RunEvent.HOLD, RunEvent.STOP])
+def test_a_request_that_ends_the_beam_does_so_before_it_is_journaled(event):
+    rig = Rig()
+    at_once = []
+
+    def ask():
+        assert rig.machine.request_event(event)
+        at_once.append((rig.log[-1], rig.states[-1]))
+
+    run(rig, (10.0, ask), (50.0, lambda: rig.machine.request_event(RunEvent.STOP)))
+    assert at_once == [("halt", RunState.DEPOSITING)]
+
+
 def test_asking_twice_is_asking_once():
     rig = Rig(lasts=WAITS)
 

@@ -22,6 +22,10 @@ from lmctl.run.state.transitions import (
 #: States in which nothing has been switched on yet.
 _UNTOUCHED = (RunState.READY, RunState.CONNECTING, RunState.CHECKING)
 
+#: States with the beam on, and requests that end it: those do not wait for the disk.
+_BEAM_ON = (RunState.DEPOSITING, RunState.RESUMING)
+_ENDS_BEAM = (RunEvent.HOLD, RunEvent.STOP)
+
 
 class _Said(NamedTuple):
     """An event on its way to the table.
@@ -46,7 +50,7 @@ class RunStateMachine:
     """One run's state.
 
     carry_out : achieves one effect, or raises why it cannot
-    halt : stops beam and motion at once; called first, with what went wrong
+    halt : stops beam and motion at once; called first, with what went wrong (None: nothing did)
 
     fault : the first reason the run went wrong, or None
     touched : whether anything may have been switched on or moved
@@ -78,9 +82,14 @@ class RunStateMachine:
         """Request an event. Returns whether the present state accepts it.
 
         It is dropped if the state no longer accepts it when its turn comes (requested twice, say).
+        What ends beam and motion does so before this returns: the transition that follows, and
+        the act of the operator, are journaled durably, and a disk may take its time.
         """
         if not self._knows(event):
             return False
+        if event in _ENDS_BEAM and self.state in _BEAM_ON:
+            self._break_off()  # or it may start motion again before the event's turn has come
+            self._halt(None)
         self._events.put_nowait(_Said(event, is_request=True))
         return True
 

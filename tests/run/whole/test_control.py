@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import json
+import os
 
 import pytest
 
+from lmctl.machine.motion.links import ByteLink
 from lmctl.run.control.socket_path import SOCKET_NAME
 from lmctl.run.journal.format import run_fingerprint
 from lmctl.run.state.transitions import RunState
@@ -68,6 +70,30 @@ def test_hold_resume_and_override_by_the_socket(run, square_job, tmp_path):
     refused = ran.records("operator")[0]
     assert "cannot resume now: the run is depositing" in refused["refused"]
     assert refused["local"].keys() == {"uid", "pid", "wall"}
+
+
+@pytest.mark.parametrize("act", ["hold", "stop"])
+def test_a_slow_disk_does_not_keep_the_beam_on(run, square_job, tmp_path, monkeypatch, act):
+    log, to_disk, to_wire = [], os.fdatasync, ByteLink.write_realtime
+
+    def sent(link, data):
+        log.append(data)
+        to_wire(link, data)
+
+    def synced(fd):
+        log.append("synced")
+        to_disk(fd)
+
+    def ask(one):
+        monkeypatch.setattr(ByteLink, "write_realtime", sent)
+        monkeypatch.setattr(os, "fdatasync", synced)
+        one.executor.hold() if act == "hold" else one.executor.stop()
+
+    ends = [(5.0, Terminal(tmp_path).asks("stop"))] if act == "hold" else []
+    ran = run(square_job, acts=[(3.0, ask), *ends])
+    ran.check_safe()
+    assert "synced" in log
+    assert log[0] == b"!"
 
 
 def test_a_stop_ends_it_in_the_safe_order_and_is_seen_by_who_watches(run, square_job, tmp_path):
