@@ -18,7 +18,7 @@ _UNKNOWN = (
     "pid", "doing", "doing_left_s", "layer", "place", "override_percent", "done_s", "total_s",
     "remaining_s", "beam_off", "position_mm", "s_word", "power_W", "speed_mm_s", "set_g_min",
     "measured_g_min", "carrier_L_min", "shield_gas_L_min", "sent_line", "reentry",
-    "reading_age_s", "line", "now_s",
+    "reading_age_s", "line", "now_s", "refill_hopper",
 )
 
 #: Values of a mixture's kinds, as `journal_points` names its columns.

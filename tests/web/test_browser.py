@@ -7,6 +7,7 @@ from urllib.parse import urlsplit
 
 import pytest
 
+from lmctl.run.journal.format import read_records
 from tests.web.conftest import OPERATOR
 
 playwright = pytest.importorskip(
@@ -72,11 +73,15 @@ def open_page():
 
 def press_until_focused(page, name):
     """Tab until a button has the focus, as without a mouse."""
+    press_until(page, f"document.activeElement.textContent === '{name}'")
+
+
+def press_until(page, condition):
     for _ in range(60):
-        if page.evaluate("document.activeElement.textContent") == name:
+        if page.evaluate(condition):
             return
         page.keyboard.press("Tab")
-    raise AssertionError(f"no Tab leads to {name}")
+    raise AssertionError(f"no Tab leads to where {condition}")
 
 
 def until(page, condition):
@@ -107,7 +112,7 @@ def test_a_run_is_watched_held_and_resumed_by_keyboard_alone(live_page, open_pag
 
     viewer = open_page(live.url, NARROW)
     expect(viewer.locator("#state")).to_have_text("depositing", timeout=20_000)
-    assert viewer.locator("#acts button:visible").count() == 4
+    assert viewer.locator("#acts button:visible").count() == 5
     assert viewer.locator("#acts button:enabled").count() == 0
     assert viewer.evaluate(LAYOUT) == []
 
@@ -155,6 +160,46 @@ def test_a_run_is_watched_held_and_resumed_by_keyboard_alone(live_page, open_pag
     assert page.locator("[data-act=hold]").is_disabled()
     live.start_dash(port=urlsplit(live.url).port)
     expect(page.locator("#link")).to_have_text("live", timeout=20_000)
+
+
+def test_a_hopper_is_refilled_by_keyboard_alone_on_a_narrow_page(live_page, open_page):
+    live = live_page(side_mm=80.0, speed=10.0)
+    live.state_is("depositing")
+    page = open_page(f"{live.url}#token={live.token}", NARROW)
+    expect(page.locator("#state")).to_have_text("depositing", timeout=20_000)
+    press_until_focused(page, "Take control")
+    page.keyboard.press("Enter")
+    page.keyboard.type("Bob")
+    page.keyboard.press("Enter")
+    expect(page.locator("#seat")).to_have_text("You operate as Bob.")
+
+    press_until_focused(page, "Refill hopper")
+    page.keyboard.press("Enter")
+    page.keyboard.press("B")
+    assert page.input_value("select[name=hopper]") == "B"
+    press_until_focused(page, "Confirm")
+    page.keyboard.press("Enter")
+    expect(page.locator("#state")).to_have_text("refilling", timeout=60_000)
+    expect(page.locator("#doing")).to_contain_text("hopper B")
+
+    press_until_focused(page, "Hopper filled")
+    page.keyboard.press("Enter")
+    expect(page.locator("#confirm-text")).to_contain_text("weighed")
+    page.keyboard.type("HEAT-7")
+    page.keyboard.press("Enter")
+    expect(page.locator("#confirm")).to_be_visible()  # the mass is missing
+    press_until(page, "document.activeElement.name === 'mass_g'")
+    page.keyboard.type("1500")
+    assert page.evaluate(LAYOUT) == []
+    assert page.evaluate("document.getElementById('confirm').getBoundingClientRect().right") <= 390
+    page.keyboard.press("Enter")
+    expect(page.locator("#state")).to_have_text("held", timeout=60_000)
+    expect(page.locator("#events")).to_contain_text("hopper B refilled, lot HEAT-7, 1500 g")
+    journal = live.folder / "runs/run-0001/journal.jsonl"
+    (filled,) = [one for one in read_records(journal) if one["kind"] == "refill"]
+    assert (filled["hopper"], filled["lot"], filled["mass_g"]) == ("B", "HEAT-7", 1500.0)
+    assert [one["operator"] for one in read_records(journal) if one["kind"] == "operator"] == [
+        "Bob (live page, 127.0.0.1)"] * 2
 
 
 def test_an_alarm_is_shown_with_what_to_do_at_both_widths(live_page, open_page):

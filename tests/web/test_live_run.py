@@ -65,9 +65,16 @@ def test_it_is_shown_live_and_held_resumed_and_stopped_by_one_operator(live_page
     assert "sent before" in replayed.json()["error"]
     assert "900 % is not possible" in act("override", "held", 2, percent=900).json()["error"]
     assert act("override", "held", 3, percent=80).json()["override_percent"] == 80
-    assert act("resume", "held", 4).status_code == 200
+    assert act("refill", "held", 4, hopper="A", key="stolen").status_code == 403
+    assert act("refill", "held", 4, hopper="Z").status_code == 409
+    assert act("refill", "held", 5, hopper="A").json()["refill_hopper"] == "A"
+    assert page.state_is("refilling")["refill_hopper"] == "A"
+    assert act("refill", "refilling", 6, hopper="A", lot="HEAT-7").status_code == 409
+    assert act("refill", "refilling", 7, hopper="A", lot="HEAT-7", mass_g=12.5).status_code == 200
+    assert page.state_is("held")["refill_hopper"] is None
+    assert act("resume", "held", 8).status_code == 200
     page.state_is("depositing")
-    assert act("stop", "depositing", 5).status_code == 200
+    assert act("stop", "depositing", 9).status_code == 200
     ended = page.state_is("stopped")
     assert not ended["live"]
     assert ended["next"][0]["command"] == "lmctl recover run-0001"
@@ -75,12 +82,17 @@ def test_it_is_shown_live_and_held_resumed_and_stopped_by_one_operator(live_page
     page.run.communicate(timeout=100)
     journal = page.folder / "runs/run-0001/journal.jsonl"
     assert verify_journal(journal).sealed
+    (filled,) = [one for one in read_records(journal) if one["kind"] == "refill"]
+    assert (filled["hopper"], filled["lot"], filled["mass_g"]) == ("A", "HEAT-7", 12.5)
     acts = [(one["act"], one["operator"], one["accepted"])
             for one in read_records(journal) if one["kind"] == "operator"]
     assert acts == [
         ("hold", "Bob (live page, 127.0.0.1)", True),
         ("override 900 %", "Bob (live page, 127.0.0.1)", False),
         ("override 80 %", "Bob (live page, 127.0.0.1)", True),
+        ("refill Z", "Bob (live page, 127.0.0.1)", False),
+        ("refill A", "Bob (live page, 127.0.0.1)", True),
+        ("refill A with lot HEAT-7, 12.5 g", "Bob (live page, 127.0.0.1)", True),
         ("resume", "Bob (live page, 127.0.0.1)", True),
         ("stop", "Bob (live page, 127.0.0.1)", True)]
     report = page.get("api/runs/run-0001/report.html")

@@ -47,6 +47,11 @@ class RefillProcedure:
         self._filled: _Filled | None = None
         self._unproven: list[HopperSettings] = []  # refilled, and powder has not run since
 
+    @property
+    def hopper_name(self) -> str | None:
+        """The requested hopper's name."""
+        return None if self.hopper is None else self.hopper.name
+
     # --- the operator
 
     def request_refill(self, name: str) -> None:

@@ -65,6 +65,8 @@ class RunView:
         line : lines of the job executed; sent_line : with those sent to the controller
         doing, doing_left_s : what is done at this moment, in words, and the machine time until it
             is over (None: not known); held_by : why a held run is held, "" where it is not
+        refill_hopper : the hopper that an operator has asked to refill, until it is weighed; None
+            where there is none. It may be opened in the state "refilling"
         next : commands that may be useful now, each with what it does
         done_s, total_s : program time; remaining_s : machine time to the end of the program, with
             what the run waits for before it deposits
@@ -92,6 +94,7 @@ class RunView:
             **self._fixed, "state": state.value, "doing": doing.description,
             "doing_left_s": None if doing.remaining_s is None else round(doing.remaining_s, 1),
             "held_by": self._held_by(state, alarms, sequence),
+            "refill_hopper": sequence.refilling.hopper_name,
             "next": self._next(state, sequence),
             "levels": sequence.hopper_levels(), "line": course.lines_executed, "layer": layer + 1,
             "place": course.place_text, "override_percent": course.override_percent,
@@ -150,7 +153,7 @@ class RunView:
             acts = [("stop", "skips the gas post-flow")]
         found = [{"command": self._made.command(act), "does": does} for act, does in acts]
         if state is RunState.REFILLING:
-            filled = "lmctl refill HOPPER --lot LOT --mass GRAMS"
+            filled = f"lmctl refill {sequence.refilling.hopper_name} --lot LOT --mass GRAMS"
             found.insert(0, {"command": filled, "does": "once it is filled and closed"})
         if state is RunState.HELD and _awaits_height(sequence):
             found.insert(0, {"command": "lmctl height MM",

@@ -7,15 +7,19 @@ import { authorization } from "./event_stream.js";
 const ALLOWED = {
   hold: ["depositing", "purging", "resuming"], resume: ["held"],
   override: ["gas", "powder", "armed", "depositing", "holding", "held", "opening", "refilling", "weighing", "purging", "resuming"],
+  refill: ["depositing", "holding", "held", "refilling"],
   stop: ["connecting", "checking", "gas", "powder", "armed", "depositing", "holding", "held", "opening", "refilling",
     "weighing", "purging", "resuming", "finishing", "stopping", "tripped"],
 };
 // A height is asked for at a height check only; the run says so among what may come next.
 const awaitsHeight = (now) => now.next.some((one) => one.command.startsWith("lmctl height"));
+const isFilled = (now) => now.state === "refilling";
 const TEXTS = {
   height: ["Height of the part", "The height of the part above what it stands on. The powder of the next layers follows from it."],
   hold: ["Hold the run?", "The nozzle stops on its path, beam and powder off; the position is kept. The run can be resumed."],
   resume: ["Resume the run?", "Powder comes first, the hoses are purged off the part, then motion and beam return."],
+  refill: ["Refill a hopper?", "The run is held at the end of its path; then powder and gas of the hopper's feeder go off. Open it once the state is “refilling”, not before."],
+  filled: ["Is the hopper filled and closed?", "It is weighed; then the run can be resumed. Lot and mass go into the journal."],
   override: ["Change the override?", "Speed, beam and powder change together, in the next travel that powder can follow."],
   stop: ["Stop the run?", "Beam and motion go off, then powder, then gas after its post-flow; a second stop skips the post-flow. This is no emergency stop."],
 };
@@ -77,6 +81,7 @@ export class Operator {
       const isHeight = act === "height";
       button.hidden = isHeight && !(state && awaitsHeight(this.now));
       button.disabled = !this.seat || !(isHeight || ALLOWED[act].includes(state));
+      if (act === "refill") button.textContent = state && isFilled(this.now) ? "Hopper filled" : "Refill hopper";
       button.title = this.seat ? (state ? "" : "no live run") : "take control first";
     }
     $("take-seat").hidden = Boolean(this.seat);
@@ -124,9 +129,12 @@ export class Operator {
   }
 
   async act(act) {
-    const seen = this.now.state, fields = [], [title, text] = TEXTS[act];
+    const seen = this.now.state, fields = [], isClosing = act === "refill" && isFilled(this.now);
+    const [title, text] = TEXTS[isClosing ? "filled" : act], hopper = this.now.refill_hopper;
     if (act === "override") fields.push(["percent", "Per cent of the plan (50 to 200)", "number", this.now.override_percent]);
     if (act === "height") fields.push(["height_mm", "Height in mm", "number", ""]);
+    if (isClosing) fields.push(["lot", `Lot filled into hopper ${hopper}`, "text", ""], ["mass_g", "Mass filled in, in g", "number", ""]);
+    else if (act === "refill") fields.push(["hopper", "Hopper", "choice", hopperChoices(this.now)]);
     const values = await ask(title, text, fields, act === "resume" ? preview(this.now) : [],
       act === "hold");
     if (!values) return;
@@ -135,13 +143,23 @@ export class Operator {
       const now = await this.request("POST", `/api/runs/${this.now.run}/acts`, {
         act, seen_state: seen, number: Date.now(),
         ...(act === "override" ? { percent: Math.round(Number(values.percent)) } : {}),
-        ...(act === "height" ? { height_mm: Number(values.height_mm) } : {}) });
+        ...(act === "height" ? { height_mm: Number(values.height_mm) } : {}),
+        ...(isClosing ? { hopper, lot: values.lot.trim(), mass_g: Number(values.mass_g) }
+          : act === "refill" ? { hopper: values.hopper } : {}) });
       this.say(`${act}: accepted, the run is ${now.state}`);
     } catch (error) {
       if (error.status === 403) this.setSeat(null);
       this.say(`${error.message}${error.hint ? `; ${error.hint}` : ""}`, true);
     }
   }
+}
+
+// [value, text] of each hopper, the emptiest first.
+function hopperChoices(now) {
+  const levelOf = (name) => now.levels.find((one) => one.hopper === name)?.level_percent ?? null;
+  return now.hoppers.map((name, i) => [name, `${name} (${now.materials[i]})${
+    levelOf(name) == null ? "" : `, ${levelOf(name).toFixed(0)} %`}`])
+    .sort(([a], [b]) => (levelOf(a) ?? 101) - (levelOf(b) ?? 101));
 }
 
 function preview(now) {
@@ -157,30 +175,39 @@ function preview(now) {
   return [list, element("p", "The way there is drawn dashed in the layer.", { class: "note" })];
 }
 
-// The values of the dialog's fields, null where it was cancelled. fields : [name, label, type, value];
+// The values of the dialog's fields, null where it was cancelled. fields : [name, label, type, value],
+// of a choice [value, text] of each option;
 // isUrgent : Enter confirms at once
 function ask(title, text, fields, more = [], isUrgent = false) {
   const dialog = $("confirm");
   $("confirm-title").textContent = title;
   $("confirm-text").replaceChildren(element("p", text), ...more);
   $("confirm-fields").replaceChildren(...fields.map(([name, label, type, value]) => {
-    const box = element("label", label), input = element("input", null, { name, type, value, required: "" });
+    const box = element("label", label), input = type === "choice" ? choice(name, value)
+      : element("input", null, { name, type, value, required: "" });
     if (name === "percent") { input.min = 50; input.max = 200; input.step = 1; }
     if (name === "height_mm") { input.min = 0; input.step = "any"; }
+    if (name === "mass_g") { input.min = 0.1; input.max = 1e6; input.step = "any"; }
     if (type === "text") input.maxLength = 80;
     box.append(input);
     return box;
   }));
   dialog.returnValue = "no";
   dialog.showModal();
-  (fields.length ? dialog.querySelector("input") : $(isUrgent ? "confirm-yes" : "confirm-no")).focus();
+  (fields.length ? dialog.querySelector("input, select") : $(isUrgent ? "confirm-yes" : "confirm-no")).focus();
   return new Promise((resolve) => dialog.addEventListener("close", () => {
-    const values = Object.fromEntries([...dialog.querySelectorAll("input")].map((one) => [one.name, one.value]));
+    const values = Object.fromEntries([...dialog.querySelectorAll("input, select")].map((one) => [one.name, one.value]));
     resolve(dialog.returnValue === "yes" ? values : null);
   }, { once: true }));
 }
 
+function choice(name, options) {
+  const select = element("select", null, { name });
+  select.append(...options.map(([value, text]) => element("option", text, { value })));
+  return select;
+}
+
 // Enter in a field confirms, as in any form; the first button of a form would cancel.
 $("confirm").addEventListener("keydown", (event) => {
-  if (event.key === "Enter" && event.target.tagName === "INPUT") { event.preventDefault(); $("confirm-yes").click(); }
+  if (event.key === "Enter" && ["INPUT", "SELECT"].includes(event.target.tagName)) { event.preventDefault(); $("confirm-yes").click(); }
 });

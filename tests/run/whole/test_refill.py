@@ -22,6 +22,7 @@ def refill(name, lot="", mass_g=0.0):
 def note_gas(one):
     one.gas_while_open = one.bench.feeders["F1"].is_gas_flowing(one.loop.time())
     one.state_while_open = one.executor.state
+    one.status_while_open = one.executor.snapshot()
 
 
 def name_of(one):
@@ -71,6 +72,8 @@ def test_it_is_held_at_the_end_of_a_path_and_nothing_is_deposited_twice(refilled
 def test_the_hopper_is_open_only_without_gas_and_the_run_cannot_go_on_meanwhile(refilled):
     assert refilled.state_while_open is RunState.REFILLING
     assert not refilled.gas_while_open
+    assert refilled.status_while_open["refill_hopper"] == "A"
+    assert refilled.status_while_open["next"][0]["command"].startswith("lmctl refill A --lot")
     (refused,) = refilled.refused
     assert "cannot resume now: the run is refilling" in refused
     assert "fill and close it" in refused
