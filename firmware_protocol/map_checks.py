@@ -136,10 +136,6 @@ def _feature_contradictions(device: DeviceMap, feeder: FeederMap) -> Iterator[st
             way = next(iter(ways))
             yield (f"{_PLACES[feature]}: is missing; if the device has none, write {feature} = "
                    f'"{way}" under [missing]: {ways[way]}')
-    if feeder.missing.get("feeding") == "commanded" and "feed" not in feeder.commands and (
-        "feed" not in feeder.missing
-    ):
-        yield "commands.feed: is missing"
 
 
 #: Where the registers of a feature are named.

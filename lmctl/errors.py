@@ -74,18 +74,33 @@ class Finding:
 
 
 class ConfigError(LmctlError):
-    """A file of ours (part, profile, bench) is wrong; all its findings at once."""
+    """A file of ours (part, profile, bench) is wrong; all its findings at once.
+
+    unlisted : how many more there are than `findings`
+    """
 
     exit_code = 3
 
     def __init__(
         self, what: str, *, findings: Iterable[Finding] = (), where: str | Sequence[str] = (),
-        hint: str = "",
+        hint: str = "", unlisted: int = 0,
     ) -> None:
         self.findings = tuple(findings)
+        self.unlisted = unlisted
         places = [where] if isinstance(where, str) else list(where)
         places += [f"{f.path}: {f.reason}" if f.path else f.reason for f in self.findings]
+        if unlisted:
+            places.append(f"and {unlisted:,} more")
         super().__init__(what, where=places, hint=hint)
+
+    @classmethod
+    def of_findings(
+        cls, name: object, findings: Sequence[Finding], *, unlisted: int = 0, hint: str = ""
+    ) -> ConfigError:
+        """That something has so many mistakes. name : of the file, or what else it is called"""
+        number = len(findings) + unlisted
+        count = "1 mistake" if number == 1 else f"{number:,} mistakes"
+        return cls(f"{name} has {count}", findings=findings, unlisted=unlisted, hint=hint)
 
 
 class InputError(LmctlError):

@@ -157,9 +157,8 @@ def load_faults(path: Path, bench: BenchConfig) -> FaultPlan:
         return FaultPlan.parse(text, bench)
     except FaultPlanError as error:
         findings = [Finding(*_key_and_reason(mistake)) for mistake in error.mistakes]
-        count = "1 mistake" if len(findings) == 1 else f"{len(findings)} mistakes"
-        raise ConfigError(
-            f"{path} has {count}", findings=findings,
+        raise ConfigError.of_findings(
+            path, findings,
             hint="a fault file has a table [[fault]] for each thing that goes wrong",
         ) from None
 

@@ -42,16 +42,17 @@ def load_checked_profile(path: Path) -> MachineProfile:
     refuse_other_kind(toml_file.parse_tables(text, name=str(path)), FileKind.PROFILE, path)
     profile: MachineProfile | None = None
     findings: list[Finding] = []
+    unlisted = 0
     try:
         profile = toml_file.parse_toml(text, MachineProfile, name=str(path))
     except ConfigError as error:
         if not error.findings:  # not TOML at all
             raise
         findings += error.findings
+        unlisted = error.unlisted
     findings += _endpoint_findings(toml_file.parse_tables(text, name=str(path)))
     if findings or profile is None:
-        count = "1 mistake" if len(findings) == 1 else f"{len(findings)} mistakes"
-        raise ConfigError(f"{path} has {count}", findings=findings)
+        raise ConfigError.of_findings(path, findings, unlisted=unlisted)
     return with_device_maps(profile, path)
 
 

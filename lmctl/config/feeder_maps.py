@@ -29,9 +29,9 @@ def read_device_map(path: Path) -> DeviceMap:
         raise ConfigError(f"cannot read {path}", where=str(error.strerror)) from None
     except MapFileError as error:
         findings = [Finding(*_key_and_reason(mistake)) for mistake in error.mistakes]
-        count = "1 mistake" if len(findings) == 1 else f"{len(findings)} mistakes"
-        raise ConfigError(f"the register map {path} has {count}", findings=findings,
-                          hint="docs/reference/device-maps.md lists every key") from None
+        raise ConfigError.of_findings(
+            f"the register map {path}", findings,
+            hint="docs/reference/device-maps.md lists every key") from None
 
 
 def feeders_with_maps(
@@ -52,7 +52,8 @@ def feeders_with_maps(
             device_map = named_device_map(feeder.map, path.parent)
         except ConfigError as error:
             findings += [Finding(f"{key}.map: {feeder.map}: {one.path}", one.reason)
-                         for one in error.findings] or [Finding(f"{key}.map", error.what)]
+                         for one in error.findings] or [
+                             Finding(f"{key}.map", ": ".join((error.what, *error.where)))]
         except MissingFileError as error:
             findings.append(Finding(f"{key}.map", f"{error.what}; {error.hint}"))
         else:
@@ -61,8 +62,7 @@ def feeders_with_maps(
                          for reason in _contradictions(device_map, feeder, own)]
             complete.append(feeder.with_device_map(device_map))
     if findings:
-        count = "1 mistake" if len(findings) == 1 else f"{len(findings)} mistakes"
-        raise ConfigError(f"{path} has {count}", findings=findings)
+        raise ConfigError.of_findings(path, findings)
     return tuple(complete)
 
 

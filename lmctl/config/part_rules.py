@@ -52,14 +52,15 @@ def parse_part_file(
     numbers = resolve_free_numbers(toml_file.parse_tables(text, name=name), values)
     part: PartFile | None = None
     findings: list[Finding] = []
+    unlisted = 0
     try:
         part = toml_file.validated_model(numbers.data, PartFile, name=name)
     except ConfigError as error:
         findings = [Finding(_TAG.sub(r"\1", f.path), f.reason) for f in error.findings]
+        unlisted = error.unlisted
     findings += [*numbers.findings, *cross_key_findings(numbers.data)]
     if findings or part is None:
-        count = "1 mistake" if len(findings) == 1 else f"{len(findings)} mistakes"
-        raise ConfigError(f"{name} has {count}", findings=findings)
+        raise ConfigError.of_findings(name, findings, unlisted=unlisted)
     return part
 
 

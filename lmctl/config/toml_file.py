@@ -100,11 +100,8 @@ def validated_model(data: object, model: type[M], *, name: str) -> M:
             Finding(_dotted(item["loc"]), describe_mistake(item, model))
             for item in mistakes[:_MOST_REPORTED]
         ]
-        number = len(mistakes)
-        count = "1 mistake" if number == 1 else f"{number:,} mistakes"
-        if number > len(findings):
-            count += f", of which {len(findings)} are"
-        raise ConfigError(f"{name} has {count}", findings=findings) from None
+        raise ConfigError.of_findings(
+            name, findings, unlisted=len(mistakes) - len(findings)) from None
 
 
 def load_toml(path: Path, model: type[M]) -> M:

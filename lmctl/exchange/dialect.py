@@ -96,8 +96,7 @@ def parse_dialect(text: str, *, name: str) -> GcodeDialect:
         if (problem := _problem(template, known))
     ]
     if findings:
-        count = "1 mistake" if len(findings) == 1 else f"{len(findings)} mistakes"
-        raise ConfigError(f"{name} has {count}", findings=findings)
+        raise ConfigError.of_findings(name, findings)
     return dialect
 
 

@@ -107,7 +107,7 @@ class PartData:
     def sheet(self, feature: SheetFeature) -> FloatArray:
         """Triangles (m, 3, 3) float64 [mm] of a surface that need not close. Raises InputError."""
         if feature not in self._sheets:
-            mesh = read_mesh(self._file(feature.file), feature.units)
+            mesh = read_mesh(self._file(feature.file), feature.units, may_be_flat=True)
             corners = remove_slivers(mesh.vertices[mesh.triangles])
             if len(corners) == 0:
                 raise InputError(f"{feature.file} has no triangle with an area",
@@ -130,7 +130,8 @@ class PartData:
         """The surface of a substrate, which need not close. Raises InputError."""
         assert settings.file is not None, "the model asks for one"
         if self._substrate_mesh is None:
-            self._substrate_mesh = read_mesh(self._file(settings.file), settings.units)
+            self._substrate_mesh = read_mesh(self._file(settings.file), settings.units,
+                                             may_be_flat=True)
         return self._substrate_mesh
 
     def substrate_points(self, settings: SubstrateSettings) -> FloatArray:
@@ -172,7 +173,7 @@ class PartData:
             raise InputError(f"{file.path} is not text", hint="save it as UTF-8") from None
         findings = list(alloy_rule_findings(data.get("alloy_rule"), None))
         if findings:
-            raise ConfigError(f"{file.path} has {len(findings)} mistakes", findings=findings)
+            raise ConfigError.of_findings(file.path, findings)
         return validated_model(data, AlloyRuleFile, name=str(file.path)).alloy_rule
 
     def _file(self, name: str) -> DataFile:

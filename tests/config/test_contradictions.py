@@ -98,6 +98,16 @@ def test_a_part_file(text: str, told: str, tmp_path: Path) -> None:
         ("min_flow_g_min = 0.8", "min_flow_g_min = 61", "min_flow_g_min is not below"),
         ("[scale] ", "[calibration]\nwarn_after_days = 100\n[scale] ",
          "warn_after_days must be at most refuse_after_days, 90"),
+        ("watchdog_s = 4", "watchdog_s = 4\ntimeout_s = 2",
+         "feeder[1]: timeout_s must be at most a quarter of watchdog_s, 1 s"),
+        ("watchdog_s = 4", "watchdog_s = 4\nfunction_codes = [3, 4]",
+         "feeder[1].function_codes: a device cannot be driven without 16"),
+        ("z = [0, 200]", "z = [200, 0]",
+         "motion.travel_mm.z: the first value must be below the second, not [200.0, 0.0]"),
+        ("[scale] ", "[safety]\nendpoint = 'modbus-tcp://127.0.0.1:5023'\ntimeout_s = 2\n[scale] ",
+         "safety: timeout_s must be at most period_s, 0.1 s"),
+        ('name = "F1"', 'name = "F1\\u001b"', "feeder[1].name: holds a control character"),
+        ('name = "F1"', 'name = "F1"\nmap = "' + "m" * 300 + '"', "mmm: File name too long"),
     ],
 )
 def test_a_profile(old: str, new: str, told: str, tmp_path: Path) -> None:

@@ -1,66 +1,147 @@
-"""A pytest plugin that writes down every error message that the tests bring about.
+"""A pytest plugin that notes which error messages the tests bring about, by their place.
 
     python -m pytest -p tests.house.message_log tests/config
 
-Each process of the run adds its messages to a file of its own in the folder that the variable
-LMCTL_MESSAGES names; `tests.house.messages` compares them with the code.
+The modules that write messages are compiled so that each text is noted when it is made. A message
+is reached if one of its texts was said, too: by an error of lmctl, a finding, a mistake in a table,
+or an exception that a test expects. Each process of the run writes what it reached into a file of
+its own, in the folder that the variable LMCTL_MESSAGES names; `tests.house.messages` compares them
+with the code.
 """
 
 from __future__ import annotations
 
+import ast
+import builtins
+import importlib.abc
+import importlib.machinery
+import importlib.util
 import json
 import os
+import sys
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import CodeType, ModuleType
 from typing import Any
 
 import pytest
 
-from firmware_protocol.table_reader import TableReader
-from lmctl.errors import LmctlError
+from tests.house.message_sites import PACKAGES, MessageSites, Site
+from tests.house.source_modules import ROOT
 
-#: Messages of all kinds, of this process.
-_seen: set[str] = set()
+_NOTE = "_note_message_made"
+#: As many different texts of one message are kept.
+_MOST_TEXTS = 500
 
-
-def _note_texts_of(error: LmctlError) -> None:
-    _seen.update((error.what, error.hint, *error.where))
-
-
-def _noting_init(original: Any) -> Any:
-    def init(self: LmctlError, what: str, *arguments: Any, **keywords: Any) -> None:
-        original(self, what, *arguments, **keywords)
-        _note_texts_of(self)
-
-    return init
+#: Texts that were made, by message, and texts that were said, of this process.
+_made: dict[str, set[str]] = defaultdict(set)
+_said: set[str] = set()
 
 
-def _noting_mistake(original: Any) -> Any:
-    def report_mistake(self: TableReader, key: str, reason: str) -> None:
-        _seen.add(reason)
-        original(self, key, reason)
-
-    return report_mistake
+def _note_made(key: str, text: Any) -> Any:
+    if isinstance(text, str) and len(texts := _made[key]) < _MOST_TEXTS:
+        texts.add(text)
+    return text
 
 
-def _noting_exit(original: Any) -> Any:
-    """Errors that a test catches by itself, with what they are made of."""
-    def leave(self: Any, kind: Any, error: BaseException | None, trace: Any) -> bool:
-        if error is not None:
-            _seen.add(str(error))
-        return bool(original(self, kind, error, trace))
+class _Noting(ast.NodeTransformer):
+    """Puts a call around each text, which returns it."""
 
-    return leave
+    def __init__(self, sites: Mapping[ast.expr, Site]) -> None:
+        self._sites = sites
+
+    def visit(self, node: ast.AST) -> Any:
+        visited = self.generic_visit(node)
+        if not isinstance(node, ast.expr) or node not in self._sites:
+            return visited
+        key = ast.Constant(self._sites[node].key)
+        call = ast.Call(ast.Name(_NOTE, ast.Load()), [key, node], [])
+        return ast.fix_missing_locations(ast.copy_location(call, node))
 
 
-def pytest_configure(config: pytest.Config) -> None:
-    LmctlError.__init__ = _noting_init(LmctlError.__init__)  # type: ignore[method-assign]
-    TableReader.report_mistake = (  # type: ignore[method-assign]
-        _noting_mistake(TableReader.report_mistake))
-    pytest.RaisesExc.__exit__ = _noting_exit(  # type: ignore[method-assign]
-        pytest.RaisesExc.__exit__)
+class _Loader(importlib.machinery.SourceFileLoader):
+    def __init__(self, name: str, path: str, sites: MessageSites) -> None:
+        super().__init__(name, path)
+        self._sites = sites
+
+    def get_code(self, fullname: str) -> CodeType | None:
+        path = Path(self.path).relative_to(ROOT).as_posix()
+        sites = self._sites.by_node(path)
+        if not sites:
+            return super().get_code(fullname)
+        tree = _Noting(sites).visit(self._sites.tree(path))
+        code: CodeType = compile(tree, self.path, "exec", dont_inherit=True)
+        return code
+
+
+class _Finder(importlib.abc.MetaPathFinder):
+    """Finds the modules of the packages whose messages are noted."""
+
+    def __init__(self, sites: MessageSites) -> None:
+        self._sites = sites
+
+    def find_spec(
+        self, name: str, path: Sequence[str] | None, target: ModuleType | None = None
+    ) -> importlib.machinery.ModuleSpec | None:
+        if name.partition(".")[0] not in PACKAGES:
+            return None
+        spec = importlib.machinery.PathFinder.find_spec(name, path or [str(ROOT)], target)
+        if spec is not None and isinstance(spec.loader, importlib.machinery.SourceFileLoader):
+            spec.loader = _Loader(name, spec.loader.path, self._sites)
+        return spec
+
+
+def _after(original: Any, note: Any) -> Any:
+    """The function, with its arguments noted once it has come back."""
+    def noting(*arguments: Any, **keywords: Any) -> Any:
+        try:
+            return original(*arguments, **keywords)
+        finally:
+            note(*arguments, **keywords)
+
+    return noting
+
+
+def _note_error(error: Any, *_: Any, **__: Any) -> None:
+    _said.update((error.what, error.hint, *error.where))
+
+
+def _note_finding(finding: Any, *_: Any, **__: Any) -> None:
+    _said.add(finding.reason)
+
+
+def _note_mistake(_: Any, key: str, reason: str) -> None:
+    _said.add(reason)
+
+
+def _note_expected(_: Any, kind: Any, error: BaseException | None, trace: Any) -> None:
+    if error is not None:
+        _said.add(str(error))
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_load_initial_conftests(early_config: pytest.Config) -> None:
+    """Before any conftest imports what is to be noted."""
+    early = sorted(name for name in sys.modules if name.partition(".")[0] in PACKAGES)
+    assert not early, f"imported before their messages could be noted: {early}"
+    setattr(builtins, _NOTE, _note_made)
+    sys.meta_path.insert(0, _Finder(MessageSites()))
+
+    from firmware_protocol.table_reader import TableReader
+    from lmctl.errors import Finding, LmctlError
+
+    for kind, name, note in (
+        (LmctlError, "__init__", _note_error), (Finding, "__init__", _note_finding),
+        (TableReader, "report_mistake", _note_mistake),
+        (pytest.RaisesExc, "__exit__", _note_expected),
+    ):
+        setattr(kind, name, _after(getattr(kind, name), note))
 
 
 def pytest_unconfigure(config: pytest.Config) -> None:
     folder = Path(os.environ.get("LMCTL_MESSAGES", ".messages"))
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / f"{os.getpid()}.json").write_text(json.dumps(sorted(_seen)), encoding="utf-8")
+    said = "\n".join(sorted(_said))
+    reached = sorted(key for key, texts in _made.items() if any(text in said for text in texts))
+    (folder / f"{os.getpid()}.json").write_text(json.dumps(reached), encoding="utf-8")

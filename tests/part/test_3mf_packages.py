@@ -129,7 +129,9 @@ def test_mirrored_objects_still_face_out() -> None:
     ("objects", "items", "words"),
     [(object_xml("1") + object_xml("1"), '<item objectid="1"/>', "two objects"),
      (object_xml("1"), '<item objectid="1" transform="1 0 0"/>', "twelve numbers"),
-     (object_xml("1"), "<item/>", "objectid"),
+     (object_xml("1"), "<item/>", "an element lacks its attribute objectid"),
+     (object_xml("1"), '<item objectid="1" transform="1 0 0 0 1 0 0 0 1 0 0 z"/>',
+      "'z' is not a number"),
      (object_xml("1"), '<item objectid="9"/>', "object 9")],
 )
 def test_what_cannot_be_meant_is_refused(objects: str, items: str, words: str) -> None:

@@ -36,11 +36,14 @@ class Mesh:
     notes: tuple[str, ...] = ()
 
 
-def read_mesh(file: DataFile, units: str | None, group: str | None = None) -> Mesh:
+def read_mesh(
+    file: DataFile, units: str | None, group: str | None = None, *, may_be_flat: bool = False
+) -> Mesh:
     """The triangles of a mesh file, unrepaired, in mm.
 
     units : None for a 3MF file, which states its own
     group : the name of a group of an OBJ file, to read that alone
+    may_be_flat : it is a surface that is measured from or deposited on, not a solid
 
     Raises InputError where it cannot be read, holds no triangles, coordinates that are not numbers,
     corners that are not there, or a size no part of this machine's kind has.
@@ -71,7 +74,8 @@ def read_mesh(file: DataFile, units: str | None, group: str | None = None) -> Me
     used = np.zeros(len(vertices), dtype=bool)
     used[triangles] = True
     in_mm = "mm" if units is None or file.suffix == "3mf" else units
-    vertices = checked_points(file, vertices, in_mm, used=np.flatnonzero(used), what="corner")
+    vertices = checked_points(file, vertices, in_mm, used=np.flatnonzero(used), what="corner",
+                              may_be_flat=may_be_flat)
     return Mesh(vertices, triangles, notes)
 
 
@@ -130,7 +134,7 @@ def _from_ply(file: DataFile) -> tuple[FloatArray, IntArray]:
 
 def checked_points(
     file: DataFile, points: FloatArray, units: str, *, used: IntArray | None,
-    what: str,
+    what: str, may_be_flat: bool = False,
 ) -> NDArray[np.float64]:
     """Points in mm, known to be finite and of the size of a part.
 
@@ -152,7 +156,7 @@ def checked_points(
     size = float((high - low).max())
     if not SMALLEST_PART_MM <= size <= LARGEST_PART_MM:
         _refuse_size(file, size, units)
-    if (high - low).min() <= 0:
+    if (high - low).min() <= 0 and not may_be_flat:
         axis = "xyz"[int(np.argmin(high - low))]
         raise InputError(
             f"{file.path} is flat: all {what}s have the same {axis}", hint="a part needs a volume"

@@ -18,6 +18,7 @@ from lmctl.errors import InputError
 from lmctl.part.sources.files import DataFile
 from lmctl.part.sources.polygons import triangulate_polygons
 from lmctl.part.sources.recognition import unreadable_file
+from lmctl.part.sources.table_style import is_number
 
 Names = frozenset[str]
 
@@ -126,12 +127,10 @@ def _numbers(file: DataFile, coordinates: list[list[str]], lines: list[int]) -> 
     try:
         return np.array(coordinates, dtype=np.float64).reshape(-1, 3)
     except ValueError:
-        for words, number in zip(coordinates, lines, strict=True):
-            try:
-                [float(word) for word in words]
-            except ValueError:
-                raise _bad_line(file, number, ["v", *words], "three numbers are wanted") from None
-        raise unreadable_file(file, "its coordinates are not numbers") from None
+        bad = next((row for row, words in enumerate(coordinates)
+                    if not all(map(is_number, words))), 0)
+        raise _bad_line(file, lines[bad], ["v", *coordinates[bad]],
+                        "three numbers are wanted") from None
 
 
 def _bad_line(file: DataFile, number: int, words: list[str], why: str) -> InputError:

@@ -216,13 +216,13 @@ def _bad_line(
     file: DataFile, lines: list[str], data: list[int], style: TableStyle, columns: tuple[int, ...]
 ) -> InputError:
     """Find the line that numpy stumbled over; it counts rows, users count lines."""
-    for number in data:
-        bare = without_comment(lines[number]).strip()
-        cells = style.cells(bare)
-        if len(cells) > max(columns) and all(is_number(cells[c]) for c in columns):
-            continue
-        return InputError(
-            f"{file.path}, line {number + 1}: three numbers are wanted", where=repr(bare[:60]),
-            hint="the file is truncated; copy it again" if number == data[-1] else
-            "the file is damaged there, or is written in another manner than its first lines")
-    return unreadable_file(file, "it cannot be read as columns of numbers")
+    def is_whole(number: int) -> bool:
+        cells = style.cells(without_comment(lines[number]).strip())
+        return len(cells) > max(columns) and all(is_number(cells[c]) for c in columns)
+
+    bad = next((number for number in data if not is_whole(number)), data[0])
+    return InputError(
+        f"{file.path}, line {bad + 1}: three numbers are wanted",
+        where=repr(without_comment(lines[bad]).strip()[:60]),
+        hint="the file is truncated; copy it again" if bad == data[-1] else
+        "the file is damaged there, or is written in another manner than its first lines")

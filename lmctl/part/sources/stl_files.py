@@ -16,6 +16,7 @@ from lmctl.array_types import FloatArray
 from lmctl.errors import InputError
 from lmctl.part.sources.files import DataFile
 from lmctl.part.sources.recognition import unreadable_file
+from lmctl.part.sources.table_style import is_number
 
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 _HEAD_BYTES = 84
@@ -82,11 +83,8 @@ def _facets(file: DataFile, text: bytes) -> FloatArray:
 
 
 def _wrong_corner(words: NDArray[np.bytes_], at: NDArray[np.int64]) -> str:
-    for place in at.tolist():
-        corner = words[place + 1 : place + 4].tolist()
-        try:
-            [float(word) for word in corner]
-        except ValueError:
-            shown = b" ".join(corner)[:60].decode("ascii", "replace")
-            return f"a corner is not three numbers: {shown!r}"
-    return "a corner is not three numbers"
+    corners = [b" ".join(words[place + 1 : place + 4].tolist()).decode("ascii", "replace")
+               for place in at.tolist()]
+    bad = next((corner for corner in corners if not all(map(is_number, corner.split()))),
+               corners[0])
+    return f"a corner is not three numbers: {bad[:60]!r}"

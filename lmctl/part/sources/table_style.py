@@ -92,7 +92,7 @@ def is_number(word: str) -> bool:
         float(word)
     except ValueError:
         return False
-    return True
+    return word.isascii() and "_" not in word  # which Python reads, and no table means
 
 
 def without_comment(line: str) -> str:

@@ -135,10 +135,7 @@ def read_model(package: ThreemfPackage, part: str) -> ThreemfModel:
     def start_namespace(prefix: str | None, uri: str) -> None:
         prefixes[prefix or ""] = uri
 
-    try:
-        package.parse(part, start, StartNamespaceDeclHandler=start_namespace)
-    except (KeyError, ValueError, TypeError, OverflowError) as error:
-        raise package.damage_error(f"{part}: {_reason(error)}") from None
+    package.parse(part, start, StartNamespaceDeclHandler=start_namespace)
     if model.unit not in MM_PER_3MF_UNIT:
         raise package.damage_error(f"unknown unit {model.unit!r}")
     return model
@@ -189,9 +186,3 @@ def _index(word: str) -> int:
         return int(word)
     except ValueError:
         raise ValueError(f"{word[:40]!r} is not a whole number") from None
-
-
-def _reason(error: Exception) -> str:
-    if isinstance(error, KeyError):
-        return f"an element lacks its attribute {error.args[0]}"
-    return " ".join(str(error).split())[:100] or "broken references"

@@ -86,6 +86,9 @@ class ThreemfPackage:
         parser.StartDoctypeDeclHandler = refuse_document_type
         try:
             parser.Parse(self._bytes(part), True)
+        except KeyError as error:  # of the attributes that `start` looks up
+            raise self.damage_error(
+                f"{part}: an element lacks its attribute {error.args[0]}") from None
         except (expat.ExpatError, LookupError, ValueError) as error:
             raise self.damage_error(f"{part}: {str(error)[:100]}") from None
 

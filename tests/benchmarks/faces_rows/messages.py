@@ -8,14 +8,14 @@ messages_tested : the share of them that a run of the tests has brought about; t
 
 from __future__ import annotations
 
-import json
 import os
 import subprocess
 import sys
 import tempfile
 from pathlib import Path
 
-from tests.house.messages import messages, untested
+from tests.house.message_sites import MessageSites
+from tests.house.messages import untested
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -31,10 +31,8 @@ def rows() -> dict[str, float | int]:
 
 
 def _rows(folder: Path) -> dict[str, float | int]:
-    texts = {text for path in folder.glob("*.json")
-             for text in json.loads(path.read_text(encoding="utf-8"))}
-    missing = untested(texts)
-    for one in missing:
-        print(f"{one.place}: {one.pattern}", file=sys.stderr)
-    known = len(messages())
-    return {"messages": known, "messages_tested": round(1 - len(missing) / known, 3)}
+    known = MessageSites().by_node().values()
+    missing = untested([folder], known)
+    for site in missing:
+        print(f"{site.path}:{site.line}: {site.pattern}", file=sys.stderr)
+    return {"messages": len(known), "messages_tested": round(1 - len(missing) / len(known), 3)}
