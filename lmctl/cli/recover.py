@@ -84,7 +84,7 @@ def recover(
         continuation = await prepare(
             after, profile, runs_dir, unread, yes=yes, restored=position_restored,
             stated_mm=answer, ask=_refuse_to_guess if yes else _ask_operator)
-        with run_screen() as on_screen:
+        with run_screen(made.job, profile) as on_screen:
             return await RunExecutor(
                 made.job, profile, runs_dir, operator=name, notice=on_screen.notice,
                 watcher=on_screen.watcher, continues=continuation).run()

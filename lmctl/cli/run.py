@@ -89,7 +89,7 @@ def _run_on_screen(
 ) -> RunResult:
     from lmctl.run.executor import run_job
 
-    with run_screen() as on_screen:
+    with run_screen(job, profile) as on_screen:
         if not sim:
             return asyncio.run(
                 run_job(job, profile, runs_dir, operator=operator, watcher=on_screen.watcher,

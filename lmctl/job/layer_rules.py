@@ -78,7 +78,7 @@ def _numbers_fit(text: bytes, first_line: int, n_lines: int) -> bool:
 def _table_rule(layer: JobLayer) -> str | None:
     lines = layer.lines
     columns = ("end_s", "x_mm", "y_mm", "z_mm", "speed_mm_s", "power_W", "bead_width_mm",
-               "fractions")
+               "fractions", "designed")
     if not all(np.isfinite(lines[name]).all() for name in columns):
         return "a line's time, position, speed, power or composition is not a number"
     if (np.diff(lines["end_s"], prepend=layer.flow_s[0]) < 0).any():

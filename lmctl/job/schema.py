@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 #: Version of the job format; a reader refuses any other.
-FORMAT_VERSION = 2
+FORMAT_VERSION = 3
 
 #: Line numbers (N words) repeat after this many lines (error 27 above it in both firmwares).
 N_WORD_MODULUS = 10_000_000
@@ -44,14 +44,17 @@ def line_dtype(n_materials: int) -> np.dtype[Any]:
     path : int32, global number of the path the line belongs to, −1 for none. A path is one
         stretch from lead-in to lead-out: beam on once, off once.
     kind : uint8, a LineKind
-    fractions : (n_materials,) float32, volume fractions at the line's end, after quantisation
+    fractions : (n_materials,) float32, volume fractions at the line's end as the program feeds
+        them: what the hoppers can deliver, with dilution made up for where it is known
+    designed : (n_materials,) float32, volume fractions that the part file has there; zeros for all
+        but BEAD, and on beads of which it is not known
     """
     return np.dtype(
         [
             ("end_s", "<f8"), ("x_mm", "<f8"), ("y_mm", "<f8"), ("z_mm", "<f8"),
             ("speed_mm_s", "<f4"), ("power_W", "<f4"), ("bead_width_mm", "<f4"),
             ("path", "<i4"), ("kind", "u1"),
-            ("fractions", "<f4", (n_materials,)),
+            ("fractions", "<f4", (n_materials,)), ("designed", "<f4", (n_materials,)),
         ]
     )
 
@@ -93,13 +96,19 @@ class LayerEntry:
 
 @dataclass(frozen=True)
 class JobHopper:
-    """A hopper as the job uses it; `dead_time_s`, `lag_s` are those planning assumed."""
+    """A hopper as the job uses it, with the values that planning assumed, calibrated ones included.
+
+    min_flow_g_min, max_flow_g_min : that it meters; what it feeds is offset + slope · set-point
+    """
 
     name: str
     material: str
     dead_time_s: float
     lag_s: float
     max_flow_g_min: float
+    min_flow_g_min: float = 0.0
+    slope: float = 1.0
+    offset_g_min: float = 0.0
 
 
 @dataclass(frozen=True)

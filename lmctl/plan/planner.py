@@ -260,7 +260,8 @@ class _Planning:
             send_horizon_s=profile.motion.send_horizon_s,
             materials=tuple(material.name for material in part.materials),
             hoppers=tuple(
-                JobHopper(h.name, h.material, h.dead_time_s, h.lag_s, h.max_flow_g_min)
+                JobHopper(h.name, h.material, h.dead_time_s, h.lag_s, h.max_flow_g_min,
+                          h.min_flow_g_min, h.slope, h.offset_g_min)
                 for h in self._recipe.hoppers),
             bounds_mm=((low[0], low[1], low[2]), (high[0], high[1], high[2])),
             totals=statistics.totals(self._sequencer.duration_s, warnings)

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from lmctl.config.machine import MachineProfile
 from lmctl.config.mixture_catch import MixtureCatchSettings
 from lmctl.config.part_rules import parse_part_file
 from lmctl.config.traveller import TravellerSettings, with_stated_values
@@ -141,11 +142,24 @@ def part_report_of(
         {} if job.manifest is None else {one.layer: one for one in job.manifest.mixtures})
 
 
-def job_of_part(path: Path, digest: str) -> JobOfPart:
-    """A job with its powders, if it is the one of that digest; else what is wrong with it."""
+def scales_on_cell(job: Path, profile: MachineProfile) -> PartScales:
+    """What turns the numbers of a run of this job on this cell into power and mixture.
+
+    The catch that the cell measured counts, as in `JobOfPart.scales`.
+    """
+    return job_of_part(job, None).scales({
+        "hoppers": [] if profile.calibration_use is None else [
+            {"material": one.material, "catch_efficiency": one.catch_efficiency}
+            for one in profile.hopper],
+        "mixture_catch": [one.model_dump(mode="json") for one in profile.mixture_catch]})
+
+
+def job_of_part(path: Path, digest: str | None) -> JobOfPart:
+    """A job with its powders; with a digest, if it is the one of that; else what is wrong with it.
+    """
     try:
         with JobReader(path) as reader:
-            if reader.digest != digest:
+            if digest not in (None, reader.digest):
                 return JobOfPart(path, None,
                                  f"it is another job: its SHA-256 is {reader.digest}")
             part = parse_part_file(reader.part_text, name="part.toml")

@@ -6,6 +6,7 @@ Memory grows with the number of layers, not with the length of the journal.
 from __future__ import annotations
 
 from bisect import bisect_right
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -16,6 +17,9 @@ from lmctl.plan.mixture_catch import MixtureCatch
 from lmctl.report.nozzle_inference import HoseValues, NozzleInference
 from lmctl.report.process_values import ProcessValues
 from lmctl.report.value_range import ValueRange, range_of
+
+#: Of all powders together below this there is no mixture [mm³ of deposit a second].
+_NO_VOLUME_MM3_S = 1e-6
 
 #: So many samples are worked on at a time.
 _BATCH = 4096
@@ -49,6 +53,22 @@ class PartScales:
             return volume_alone
         return np.asarray(volume_alone * self.mixture_catch.efficiency(fed)
                           / self.mixture_catch.alone)
+
+    def fractions(self, flow_g_s: FloatArray, hopper_materials: Sequence[str]) -> FloatArray:
+        """(n, hoppers) flows [g/s] -> (n, materials) volume fractions of the deposit.
+
+        NaN where nothing flows, and where a powder is not known
+        """
+        alone = np.zeros((len(flow_g_s), len(self.materials)))
+        fed = np.zeros_like(alone)
+        for hopper, material in enumerate(hopper_materials):
+            column = self.materials.index(material)
+            fed[:, column] += flow_g_s[:, hopper]
+            alone[:, column] += flow_g_s[:, hopper] * self.deposit_mm3_g.get(material, np.nan)
+        volume = self.deposited(alone, fed)
+        total = volume.sum(axis=1, keepdims=True)
+        return np.asarray(np.divide(volume, total, out=np.full_like(volume, np.nan),
+                                    where=total > _NO_VOLUME_MM3_S))
 
 
 def nozzle_of(header: dict[str, Any], scales: PartScales) -> NozzleInference | None:

@@ -36,8 +36,6 @@ class JobLayers:
         self.problem = self._job.problem
         manifest = self._job.manifest
         self._first_lines = [] if manifest is None else [e.first_line for e in manifest.layers]
-        self._designed = {} if manifest is None else {
-            one.layer: [round(share, 4) for share in one.designed] for one in manifest.mixtures}
         self.materials = () if manifest is None else manifest.materials
         if manifest is not None:
             self._reader = JobReader(path).__enter__()
@@ -53,6 +51,14 @@ class JobLayers:
 
     def planned_fractions(self, line: int) -> list[float] | None:
         """Volume fractions (materials,) planned for a bead line; None between beads, or unknown."""
+        return self._fractions("fractions", line)
+
+    def designed_fractions(self, line: int) -> list[float] | None:
+        """Volume fractions (materials,) of the part file on a bead line; None as above."""
+        found = self._fractions("designed", line)
+        return found if found is not None and any(found) else None
+
+    def _fractions(self, column: str, line: int) -> list[float] | None:
         at = bisect_right(self._first_lines, line) - 1
         try:
             layer = self._layer(at) if at >= 0 else None
@@ -63,14 +69,7 @@ class JobLayers:
             return None
         if layer.lines["kind"][row] != LineKind.BEAD:
             return None
-        return [round(float(one), 4) for one in layer.lines["fractions"][row]]
-
-    def designed_fractions(self, line: int) -> list[float] | None:
-        """Volume fractions (materials,) of the part file, the mean of the beads of a line's layer.
-
-        None where the layer has no beads, or the job does not state it.
-        """
-        return self._designed.get(bisect_right(self._first_lines, line) - 1)
+        return [round(float(one), 4) for one in layer.lines[column][row]]
 
     def layer_as_json(self, number: int) -> dict[str, Any]:
         """Tracks of a layer. number : from 1

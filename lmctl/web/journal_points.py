@@ -19,9 +19,6 @@ from lmctl.web.job_layers import JobLayers
 #: Lags after which nothing of an earlier flow shows.
 _LAGS_TO_SETTLE = 4.0
 
-#: Of all powders below this no mixture is commanded [mm³/s].
-_NO_VOLUME_MM3_S = 1e-6
-
 Points = dict[str, list[Any]]
 
 
@@ -84,12 +81,14 @@ class JournalPoints:
             self._nozzle.order_flows(t_s, self._flows)
 
     def _add_mixtures(self, points: Points, record: dict[str, Any]) -> None:
-        """Planned, commanded and inferred fractions of every material."""
+        """Designed, planned, commanded and inferred fractions of every material."""
         if self._job is None or self._scales is None:
             return
         planned = [self._job.planned_fractions(int(line)) for line in points["line"]]
-        commanded = self._mixtures_of(np.column_stack(
-            [np.array(record["set_g_min"][name], dtype=np.float64) for name in self._hoppers]))
+        designed = [self._job.designed_fractions(int(line)) for line in points["line"]]
+        commanded = self._scales.fractions(np.column_stack(
+            [np.array(record["set_g_min"][name], dtype=np.float64) for name in self._hoppers]
+        ) / 60.0, [str(one["material"]) for one in self._header["hoppers"]])
         nozzle = None
         if self._nozzle is not None and points["at_s"]:
             reported = np.column_stack([
@@ -97,26 +96,11 @@ class JournalPoints:
             nozzle = self._nozzle.advance(np.array(points["at_s"]), reported)
             nozzle[np.array(points["at_s"]) < self._known_from_s] = np.nan
         for at in range(len(self._scales.materials)):
+            points[f"designed{at}"] = [None if one is None else one[at] for one in designed]
             points[f"planned{at}"] = [None if one is None else one[at] for one in planned]
             points[f"commanded{at}"] = _rounded(commanded[:, at])
             points[f"nozzle{at}"] = [None] * len(planned) if nozzle is None else _rounded(
                 nozzle[:, at])
-
-    def _mixtures_of(self, flows_g_min: FloatArray) -> FloatArray:
-        """(n, hoppers) flows -> (n, materials) volume fractions; NaN where nothing flows."""
-        assert self._scales is not None
-        materials = self._scales.materials
-        volume = np.zeros((len(flows_g_min), len(materials)))
-        fed = np.zeros_like(volume)
-        for column, one in enumerate(self._header["hoppers"]):
-            deposit = self._scales.deposit_mm3_g.get(str(one["material"]), np.nan)
-            fed[:, materials.index(str(one["material"]))] += flows_g_min[:, column]
-            volume[:, materials.index(str(one["material"]))] += (
-                flows_g_min[:, column] / 60.0 * deposit)
-        volume = self._scales.deposited(volume, fed)
-        total = volume.sum(axis=1, keepdims=True)
-        return np.asarray(np.divide(volume, total, out=np.full_like(volume, np.nan),
-                                    where=total > _NO_VOLUME_MM3_S))
 
 
 def _rounded(values: FloatArray) -> list[float | None]:

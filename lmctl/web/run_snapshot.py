@@ -18,11 +18,12 @@ _UNKNOWN = (
     "pid", "doing", "doing_left_s", "layer", "place", "override_percent", "done_s", "total_s",
     "remaining_s", "beam_off", "position_mm", "s_word", "power_W", "speed_mm_s", "set_g_min",
     "measured_g_min", "carrier_L_min", "shield_gas_L_min", "sent_line", "reentry",
-    "reading_age_s", "line", "now_s", "refill_hopper",
+    "reading_age_s", "line", "now_s", "refill_hopper", "designed",
 )
 
 #: Values of a mixture's kinds, as `journal_points` names its columns.
 _MIXTURES = {
+    "designed": ("planned", "the part file, at the line executed"),
     "planned": ("planned", "the job, at the line executed"),
     "commanded": ("commanded", "set-points sent to the feeders"),
     "nozzle": ("inferred", "set-points, feeder reports, dead time and lag of the hoses"),
@@ -79,21 +80,18 @@ def ended_snapshot(
 
 
 def latest_mixture(
-    points: Mapping[str, list[Any]], materials: tuple[str, ...],
-    designed: list[float] | None, now_s: float | None,
+    points: Mapping[str, list[Any]], materials: tuple[str, ...], now_s: float | None,
 ) -> dict[str, Any] | None:
     """The mixtures of the last point, None without one.
 
-    designed : of the layer; now_s : machine time of the run now, None where it is not known
+    now_s : machine time of the run now, None where it is not known
     returns : materials; designed, planned, commanded, nozzle (volume fractions, None: no mixture);
         origins
     """
     if not points.get("at_s") or "planned0" not in points:
         return None
     age_s = None if now_s is None else round(max(0.0, now_s - points["at_s"][-1]), 3)
-    found: dict[str, Any] = {"materials": list(materials), "designed": designed, "origins": {
-        "designed": {"kind": "planned", "source": "the part file, mean of the layer's beads",
-                     "age_s": None}}}
+    found: dict[str, Any] = {"materials": list(materials), "origins": {}}
     for name, (kind, source) in _MIXTURES.items():
         fractions = [points[f"{name}{at}"][-1] for at in range(len(materials))]
         found[name] = None if None in fractions else fractions

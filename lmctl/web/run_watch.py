@@ -119,9 +119,7 @@ class RunWatch:
     def _mixture(self, now_s: float | None) -> dict[str, Any] | None:
         if self.job is None or not self._points:
             return None
-        last = self._points[-1]
-        designed = self.job.designed_fractions(last["line"][-1]) if last["line"] else None
-        return latest_mixture(last, self.job.materials, designed, now_s)
+        return latest_mixture(self._points[-1], self.job.materials, now_s)
 
     # --- status -------------------------------------------------------------------------------
 

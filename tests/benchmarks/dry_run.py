@@ -176,7 +176,8 @@ def write_spiral(path: Path, n_lines: int, cell: MachineProfile) -> None:
             end_s = at_s + np.cumsum(lasting_s)
             writer.add_packed_layer(packed_layer(LayerLines(
                 index=index, z_mm=1.0 + 0.5 * index, first_line=count, first_path=index,
-                moves=moves, end_s=end_s, laser_settings=cell.laser, opens=opens, closes=closes,
+                moves=moves, end_s=end_s, designed=None, laser_settings=cell.laser, opens=opens,
+                closes=closes,
                 flow=PowderFlow(np.array([at_s, end_s[-1]]), np.array([[FLOW_G_S, 0.0]] * 2)),
             )))
             at_mm, at_s, count = moves.target_mm[-1], float(end_s[-1]), count + len(moves)

@@ -6,15 +6,19 @@ import pytest
 
 from lmctl.cli.run_screen import screen_lines
 from lmctl.config.machine import load_profile
+from lmctl.report.reported_values import PartScales
 from lmctl.run.state.transitions import FINAL_STATES, Effect, RunState
 from lmctl.run.status.phase import PhaseClock
 from lmctl.run.status.stop_messages import stop_message
 from tests.run.whole.conftest import EXAMPLES
 
+SCALES = PartScales(1.0, ("316L", "WC-12Co"), {"316L": 50.0, "WC-12Co": 25.0})
 NOW = {
     "run": "run-0001", "state": "held", "doing": "waiting for the operator", "doing_left_s": 1791.0,
     "held_by": "the safety door was opened, and is closed again", "done_s": 120.0,
     "total_s": 480.0, "layer": 3, "layers": 12, "remaining_s": 371.0,
+    "materials": ["316L", "WC-12Co"], "set_g_min": [7.0, 6.0],
+    "designed": {"316L": 0.702, "WC-12Co": 0.298},
     "levels": [{"hopper": "A", "level_percent": 85.2, "weight_g": 17040.0},
                {"hopper": "B", "level_percent": None, "weight_g": 900.0}],
     "warnings": [], "next": [{"command": "lmctl resume run-0001", "does": "goes on"}],
@@ -37,10 +41,22 @@ def test_a_held_run_says_by_what_how_full_hoppers_are_and_what_to_type():
     assert "next    lmctl resume run-0001: goes on" in lines[4]
 
 
+def test_the_mixture_is_shown_as_designed_and_as_set_points_stand_for():
+    def row(**changed):
+        return [line for line in screen_lines(NOW | changed, 80, SCALES) if "mixture" in line]
+
+    assert row() == ["  mixture 316L 0.702/0.700, WC-12Co 0.298/0.300 (designed/commanded)"]
+    assert row(designed=None) == ["  mixture 316L –/0.700, WC-12Co –/0.300 (designed/commanded)"]
+    assert row(set_g_min=[0.0, 0.0]) == row(set_g_min=None) == []
+    assert "mixture" not in "".join(screen_lines(NOW, 80))
+    of_one = PartScales(1.0, ("316L",), {"316L": 50.0})
+    assert "mixture" not in "".join(screen_lines(NOW | {"materials": ["316L"]}, 80, of_one))
+
+
 @pytest.mark.parametrize("width", [40, 80])
 def test_no_line_is_longer_than_the_terminal_is_wide(width):
     long = NOW | {"held_by": "a word and " * 30, "run": "run-000000001", "layers": 99_999}
-    assert all(len(line) <= width for line in screen_lines(long, width))
+    assert all(len(line) <= width for line in screen_lines(long, width, SCALES))
 
 
 def test_each_effect_says_what_is_done_and_counts_down_where_it_is_known_how_long(phase):

@@ -97,6 +97,8 @@ def test_every_value_of_a_job_is_in_its_page(tmp_path, lmctl):
             worst = max(np.abs(values[f"predicted{k}"] - values[f"planned{k}"])[bead].max()
                         for k in (0, 1))
             assert values["error"].max() == pytest.approx(worst, abs=1e-4)
+            assert values["designed0"][bead] == pytest.approx(lines["designed"][bead, 0], abs=1e-4)
+            assert np.isnan(values["designed0"][~bead]).all()
             starts = np.flatnonzero(np.diff(lines["path"][bead])) + 1
             assert (np.flatnonzero(np.diff(values["path"][bead])) + 1 == starts).all()
 

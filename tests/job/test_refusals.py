@@ -75,7 +75,7 @@ def test_missing_file_and_folder(tmp_path):
 
 def test_another_version(job_path):
     whole = job_path.read_bytes()
-    job_path.write_bytes(whole.replace(b"lmctl-job 2 sha256", b"lmctl-job 1 sha256"))
+    job_path.write_bytes(whole.replace(b"lmctl-job 3 sha256", b"lmctl-job 1 sha256"))
     assert "format 1" in refused(job_path)
 
 

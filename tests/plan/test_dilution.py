@@ -153,6 +153,8 @@ def test_a_job_feeds_more_on_the_plate_and_states_what_the_bead_becomes(planned)
     manifest, layers = planned()
     assert second_powder(layers[0]) == pytest.approx(0.62, abs=0.011)  # 0.625 in steps of 0.02
     assert second_powder(layers[1]) == pytest.approx(0.5, abs=0.011)
+    beads = layers[0].lines["kind"] == LineKind.BEAD
+    assert layers[0].lines["designed"][beads] == pytest.approx(0.5)
     first = manifest.mixtures[0]
     assert first.designed[1] == pytest.approx(0.5)
     assert first.planned[1] == pytest.approx(0.625, abs=0.011)

@@ -133,7 +133,11 @@ def test_the_mixture_is_the_fields(planned, profile):
     for layer in layers:
         row = layer.lines[layer.lines["kind"] == LineKind.BEAD]
         local = row["x_mm"] - 150.0
-        assert row["fractions"][:, 1] == pytest.approx(0.2 + 0.6 * (local + 15) / 30, abs=0.02)
+        of_part = 0.2 + 0.6 * (local + 15) / 30
+        assert row["fractions"][:, 1] == pytest.approx(of_part, abs=0.02)
+        assert row["designed"][:, 1] == pytest.approx(of_part, abs=1e-3)  # of places to 0.01 mm
+        assert row["designed"].sum(axis=1) == pytest.approx(1.0, abs=1e-6)
+        assert not layer.lines["designed"][layer.lines["kind"] != LineKind.BEAD].any()
     assert manifest.totals["mixture_share"] >= 0.99
 
 

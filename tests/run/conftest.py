@@ -79,6 +79,7 @@ def build(
             at = np.array(row.end_mm)
             table[i]["end_s"], table[i]["path"], table[i]["kind"] = s, row.path, row.kind
             table[i]["power_W"] = 1500 if row.kind is LineKind.BEAD else 0
+            table[i]["designed"] = (0.6, 0.4) if row.kind is LineKind.BEAD else 0
             table[i]["x_mm"], table[i]["y_mm"], table[i]["z_mm"] = row.end_mm
         knots = [k for k in flow or [] if start_s < k[0] < s]
         times = np.array([start_s, *[k[0] for k in knots], s])

@@ -14,7 +14,6 @@ import httpx
 import pytest
 
 from lmctl.config.machine import load_profile
-from lmctl.job.schema import LayerMixture
 from lmctl.run.journal.run_folders import RunFolder
 from lmctl.web.access import AccessPolicy
 from lmctl.web.application import dash_application
@@ -38,8 +37,7 @@ def bench_profile():
 def ended_run(tmp_path_factory, bench_profile) -> RunFolder:
     """A run of two powders at a steady flow, held once and done."""
     folder = tmp_path_factory.mktemp("ended")
-    write_job(folder / "job.lmj", bench_profile, squares(1, 4), text=GRADED,
-              mixtures=(LayerMixture(0, (0.7, 0.3), (0.5, 0.5), (0.5, 0.5)),))
+    write_job(folder / "job.lmj", bench_profile, squares(1, 4), text=GRADED)
     ran = BenchRun(folder, bench_profile, folder / "job.lmj", acts=[
         (3.0, lambda one: one.executor.hold()), (6.0, lambda one: one.executor.resume())])
     assert ran.error is None

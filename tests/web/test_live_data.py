@@ -77,7 +77,14 @@ def test_the_mixture_at_the_nozzle_is_what_the_flows_make_of_it(ended_run):
     assert (planned == 0.5).all()
 
 
-def test_the_mixture_designed_is_the_layers_and_planned_the_lines(ended_run):
+def test_the_mixture_designed_is_the_part_files_at_the_line_executed(ended_run):
+    header, *records = read_records(ended_run.journal)
+    found = points_of(ended_run, records, header)
+    bead = ~np.isnan(found["planned0"])
+    assert (found["designed0"][bead] == 0.6).all()
+    assert (found["designed1"][bead] == 0.4).all()
+    assert np.isnan(found["designed0"][~bead]).all()
+
     async def main():
         watch = RunWatch(ended_run)
         watch.start()
@@ -87,7 +94,7 @@ def test_the_mixture_designed_is_the_layers_and_planned_the_lines(ended_run):
         return found
 
     found = asyncio.run(main())
-    assert found["designed"] == [0.7, 0.3]
+    assert found["designed"] is None  # it has left the part
     assert found["origins"]["designed"]["kind"] == "planned"
     assert found["origins"]["nozzle"]["kind"] == "inferred"
 

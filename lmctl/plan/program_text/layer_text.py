@@ -36,6 +36,8 @@ class LayerLines:
 
     moves : n lines; end_s : (n,) program time at each line's end; flow : wanted at the nozzle
     first_line, first_path : numbers of the layer's first line and path in the job
+    designed : (n, materials) volume fractions of the part file at each line's end, zeros for all
+        but beads; None for a layer without beads
     opens, closes : whether the program begins, or ends, with this layer
     """
 
@@ -46,6 +48,7 @@ class LayerLines:
     moves: Moves
     end_s: FloatArray
     flow: PowderFlow
+    designed: FloatArray | None
     laser_settings: LaserSettings
     opens: bool
     closes: bool
@@ -66,6 +69,8 @@ def packed_layer(layer: LayerLines) -> PackedLayer:
     table["path"] = np.where(moves.path >= 0, moves.path + layer.first_path, -1)
     table["kind"] = moves.kind
     table["fractions"] = moves.fractions
+    if layer.designed is not None:
+        table["designed"] = layer.designed
     return pack_layer_arrays(
         index=layer.index, z_mm=layer.z_mm, first_line=layer.first_line,
         first_path=layer.first_path, program=program_bytes(layer), lines=table,

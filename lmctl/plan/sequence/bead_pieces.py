@@ -80,6 +80,19 @@ def bead_pieces(
         designed=designed, melted=melted)
 
 
+def designed_at_line_ends(tracks: OrderedTracks, moves: Moves) -> FloatArray:
+    """Volume fractions (n, materials) of the part at the end of each bead line, else zeros."""
+    own = tracks.fractions if tracks.designed is None else tracks.designed
+    if tracks.melted is not None and tracks.designed is None:
+        own = tracks.melted.designed[:, : own.shape[1]]
+    designed = np.zeros((len(moves), own.shape[1]))
+    bead = moves.kind == LineKind.BEAD
+    for material in range(own.shape[1]):
+        designed[bead, material] = np.interp(
+            moves.along_mm[bead, 1], tracks.along_mm, own[:, material])
+    return designed
+
+
 @kernel
 def _pieces(
     is_bead: BoolArray, target: FloatArray, start: FloatArray, start_s: float, end_s: FloatArray,

@@ -11,12 +11,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lmctl.array_types import FloatArray
-from lmctl.config.machine import HopperSettings
 from lmctl.field.kernel import inner_kernel, kernel
 from lmctl.preflight.setpoint_rules import (
     CHOSEN_WITHIN,
@@ -30,6 +30,24 @@ from lmctl.preflight.setpoint_rules import (
 )
 
 _STEPS = 10.0**FLOW_DECIMALS
+
+
+class HopperValues(Protocol):
+    """What is believed of a hopper: of a profile with its calibration, or as a job has it."""
+
+    @property
+    def dead_time_s(self) -> float: ...
+    @property
+    def lag_s(self) -> float: ...
+    @property
+    def min_flow_g_min(self) -> float: ...
+    @property
+    def max_flow_g_min(self) -> float: ...
+    @property
+    def slope(self) -> float: ...
+    @property
+    def offset_g_min(self) -> float: ...
+
 
 @dataclass(frozen=True)
 class SetpointChanges:
@@ -61,7 +79,7 @@ class HeldSetpoints:
     known_until_s : program time up to which set-points are predicted
     """
 
-    def __init__(self, hoppers: Sequence[HopperSettings], *, leads: bool) -> None:
+    def __init__(self, hoppers: Sequence[HopperValues], *, leads: bool) -> None:
         self._dead_time_s = np.array([hopper.dead_time_s if leads else 0.0 for hopper in hoppers])
         self._lag_s = np.array([hopper.lag_s for hopper in hoppers])
         self._least = np.array([hopper.min_flow_g_min for hopper in hoppers])

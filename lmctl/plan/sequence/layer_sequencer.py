@@ -23,7 +23,7 @@ from lmctl.plan.geometry import LayerGeometry
 from lmctl.plan.plan_statistics import PlanStatistics
 from lmctl.plan.program_text.layer_text import CLOSING_LINES, OPENING_LINES, LayerLines
 from lmctl.plan.recipe import Recipe
-from lmctl.plan.sequence.bead_pieces import bead_pieces
+from lmctl.plan.sequence.bead_pieces import bead_pieces, designed_at_line_ends
 from lmctl.plan.sequence.beads import Beads, make_beads
 from lmctl.plan.sequence.beam_off_waits import PurgePosition, with_waits
 from lmctl.plan.sequence.draping import LayerDrape, draped_moves
@@ -179,6 +179,7 @@ class LayerSequencer:
         layer = LayerLines(
             index=index, z_mm=nozzle_mm, first_line=state.line,
             first_path=state.path, moves=moves, end_s=end_s, flow=flow,
+            designed=None if beads is None else designed_at_line_ends(tracks, moves),
             laser_settings=self._profile.laser, opens=index == 0, closes=is_last)
         self._state = SequenceState(
             at_mm=moves.target_mm[-1], time_s=float(end_s[-1]), line=state.line + len(moves),

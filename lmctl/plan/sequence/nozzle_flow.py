@@ -13,9 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from lmctl.array_types import FloatArray
-from lmctl.config.machine import HopperSettings
 from lmctl.field.kernel import kernel
-from lmctl.plan.sequence.held_setpoints import SetpointChanges
+from lmctl.plan.sequence.held_setpoints import HopperValues, SetpointChanges
 
 #: A lag below this is none [s].
 _NO_LAG_S = 1e-6
@@ -45,7 +44,7 @@ class CellValues:
 
     @classmethod
     def believed(
-        cls, hoppers: Sequence[HopperSettings], catch_efficiency: FloatArray
+        cls, hoppers: Sequence[HopperValues], catch_efficiency: FloatArray
     ) -> CellValues:
         """As the profile has them; a drive lag is part of their lag."""
         def column(values: Sequence[float]) -> FloatArray:

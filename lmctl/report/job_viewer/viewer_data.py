@@ -52,14 +52,14 @@ def viewer_layers(
     reader: JobReader, scales: PartScales, report: PartReport | None = None,
     samples: Mapping[int, ExecutedSamples] | None = None,
 ) -> Iterator[dict[str, Any]]:
-    """Every layer in order, one in memory at a time.
+    """Every layer in order, a few in memory at a time.
 
     samples : {layer index: what devices reported in it}
     """
     predictor = MixturePredictor(reader.manifest, scales)
     records = {} if report is None else {one.number - 1: one for one in report.record.layers}
     at_mm = (float("nan"), float("nan"))
-    for layer in reader.iterate_layers():
+    for layer, predicted in predictor.predict(reader.iterate_layers()):
         record = records.get(layer.index)
         executed = 0 if record is None else (
             len(layer.lines) if record.complete
@@ -70,7 +70,7 @@ def viewer_layers(
             "start_s": round(float(layer.flow_s[0]), 3),
             "end_s": round(float(layer.flow_s[-1]), 3), "executed": executed,
             "remark": "" if record is None else record.remark,
-            **_lines(layer, reader.manifest, predictor.at_line_ends(layer)),
+            **_lines(layer, reader.manifest, predicted),
             "reported": None if samples is None or layer.index not in samples
             else samples[layer.index].packed(layer, reader.manifest),
         }
@@ -99,6 +99,8 @@ def _lines(
         packer.add_scaled(name, lines[column].astype(np.float64))
     for at in range(len(manifest.materials)):
         packer.add_scaled(f"planned{at}", lines["fractions"][:, at].astype(np.float64))
+        packer.add_scaled(f"designed{at}", np.where(
+            lines["designed"].any(axis=1), lines["designed"][:, at].astype(np.float64), np.nan))
         if predicted is not None:
             packer.add_scaled(f"predicted{at}", predicted[:, at])
     if predicted is not None:

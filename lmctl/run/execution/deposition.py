@@ -100,6 +100,11 @@ class Deposition:
         return self._first_line + (self._cell.motion.lines_executed if self.started else 0)
 
     @property
+    def designed_fractions(self) -> dict[str, float] | None:
+        """Volume fractions that the part file has at the line under way; None where unknown."""
+        return self._window.designed_fractions(self.lines_executed) if self.started else None
+
+    @property
     def lines_sent(self) -> int:
         """Lines of the job, from its first, that may have been sent."""
         return self._sent + 1

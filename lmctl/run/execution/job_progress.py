@@ -65,6 +65,11 @@ class JobProgress:
         return self._work.deposition.place_text
 
     @property
+    def designed_fractions(self) -> dict[str, float] | None:
+        """Volume fractions that the part file has at the line under way; None where unknown."""
+        return None if self._work is None else self._work.deposition.designed_fractions
+
+    @property
     def lines_sent(self) -> int:
         """Lines of the job executed, and those that the controller holds; at rest it holds none."""
         if self._work is None or not self._work.deposition.is_in_progress:

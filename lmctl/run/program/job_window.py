@@ -69,6 +69,18 @@ class JobWindow:
                 return layer
         return self.layer_program(bisect_right(self._first_lines, line) - 1)
 
+    def designed_fractions(self, line: int) -> dict[str, float] | None:
+        """Volume fractions of the part file at the end of a line, by material.
+
+        None where that is no bead or not stated in the job, and in a layer that is not held.
+        """
+        for layer in self._loaded:
+            if layer.first_line <= line <= layer.last_line:
+                fractions = layer.designed[line - layer.first_line].tolist()
+                if any(fractions):
+                    return dict(zip(self.manifest.materials, fractions, strict=True))
+        return None
+
     def line_start_s(self, line: int) -> float:
         """Program time at which a line starts; the job's end for the line after the last."""
         if line >= self.n_lines:

@@ -40,6 +40,8 @@ class LayerProgram:
     path_starts : the first line of each path
     flow_s, flow_g_s : knots of the flow at the nozzle: times, and of each hopper its values there;
         plain lists too
+    designed : (n, materials) volume fractions of the part file at each line's end, zeros where
+        there is no bead
     totals : path, beam time and energy of its lines, with the powers that are sent
     planned : the same with the powers of the job
     """
@@ -65,6 +67,7 @@ class LayerProgram:
     path_starts: tuple[int, ...]
     flow_s: list[float]
     flow_g_s: list[list[float]]
+    designed: NDArray[np.float32]
     totals: LayerTotals
     planned: LayerTotals
 
@@ -108,7 +111,7 @@ def layer_program_of(
         fed_end_s, speed_mm_s.tolist(), energy_J_mm.tolist(), start_s.tolist(), end_s.tolist(),
         [*start_mm[:1].tolist(), *end_mm.tolist()], program,
         paths, tuple(path.first_line for path in paths),
-        layer.flow_s.tolist(), layer.flow_g_s.T.tolist(), totals, planned,
+        layer.flow_s.tolist(), layer.flow_g_s.T.tolist(), lines["designed"].copy(), totals, planned,
     )
 
 

@@ -63,6 +63,8 @@ class RunView:
         now_s : machine time since the run began
         state, line, layer (from 1), place (in words), override_percent
         line : lines of the job executed; sent_line : with those sent to the controller
+        designed : {material: volume fraction of the part file at the end of the line under way};
+            None between beads, and where it is not known
         doing, doing_left_s : what is done at this moment, in words, and the machine time until it
             is over (None: not known); held_by : why a held run is held, "" where it is not
         refill_hopper : the hopper that an operator has asked to refill, until it is weighed; None
@@ -102,6 +104,7 @@ class RunView:
             "remaining_s": round(remaining_s, 1), "beam_off": sequence.beam_off,
             **live_values(latest, self._hoppers, self._power_W_per_s),
             "now_s": round(now_s, 3), "sent_line": course.lines_sent,
+            "designed": _rounded(course.designed_fractions),
             "origins": value_origins(latest, now_s, ages),
             "reading_age_s": [ages.hoppers.get(name) for name in self._hoppers],
             "interlocks": [row._asdict() for row in sequence.interlock_board()],
@@ -159,6 +162,11 @@ class RunView:
             found.insert(0, {"command": "lmctl height MM",
                              "does": "with the height of the part; then it can be resumed"})
         return found
+
+
+def _rounded(fractions: dict[str, float] | None) -> dict[str, float] | None:
+    return None if fractions is None else {
+        material: round(one, 4) for material, one in fractions.items()}
 
 
 def _awaits_height(sequence: CellSequence) -> bool:

@@ -2,9 +2,9 @@
 
 const SHOWN_S = 120, KEPT = 6000;
 const COLOURS = ["#0b57d0", "#c8321e", "#1f7a4d", "#8a5a00", "#7a2bb5", "#00798c"];
-const DASHES = { planned: [2, 4], commanded: [8, 4], nozzle: [] };
+const DASHES = { designed: [2, 4], commanded: [8, 4], nozzle: [] };
 const LINES = { 0: "solid", 2: "dotted", 8: "dashed" };
-const NAMES = { planned: "planned", commanded: "commanded", nozzle: "at nozzle" };
+const NAMES = { designed: "designed", commanded: "commanded", nozzle: "at nozzle" };
 
 function number(digits) {
   return (_, value) => (value == null ? "–" : value.toFixed(digits));

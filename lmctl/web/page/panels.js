@@ -91,7 +91,7 @@ export function showValues(now, extraAgeS) {
     ["power", fixed(now.power_W, 0, "W"), now.origins.power_W],
     ["speed", fixed(now.speed_mm_s, 1, "mm/s"), now.origins.speed_mm_s],
     ["nozzle", now.position_mm ? `X ${x.toFixed(2)} Y ${y.toFixed(2)} Z ${z.toFixed(2)} mm` : "–", now.origins.position_mm],
-    ["mixture designed", mixture.designed ? `${text(mixture.designed)} (layer mean)` : "–", mixture.origins.designed],
+    ["mixture designed", text(mixture.designed), mixture.origins.designed],
     ["mixture planned", text(mixture.planned), mixture.origins.planned],
     ["mixture commanded", text(mixture.commanded), mixture.origins.commanded],
     ["mixture at nozzle", text(mixture.nozzle), mixture.origins.nozzle],
