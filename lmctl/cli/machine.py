@@ -22,6 +22,8 @@ COMMANDS = {
                    "Lay coupons and weigh them; measure how much powder stays on a part."),
     "dilution-test": ("lmctl.cli.machine_coupons",
                       "Lay tracks and cut them; measure how much of the plate they take up."),
+    "devices-xml": ("lmctl.cli.machine_mtconnect",
+                    "Describe the cell for an MTConnect agent (Devices.xml)."),
     "unlock": ("lmctl.cli.machine_actions", "End latched alarms of controller and feeders."),
 }
 
