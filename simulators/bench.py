@@ -125,7 +125,12 @@ class Bench:
         for feeder in self.feeders.values():
             for hopper in feeder.hoppers.values():
                 flow += hopper.process.nozzle_flow_g_s(time_s)
-        return np.where(self.motion.trace.sample(time_s).power_fraction > 0, 0.0, flow)
+        sample, scale = self.motion.trace.sample(time_s), self.config.scale
+        misses = sample.power_fraction > 0
+        if scale is not None and scale.reach_mm > 0:
+            aside = sample.position_mm[:, :2] - [scale.x_mm, scale.y_mm]
+            misses |= np.hypot(aside[:, 0], aside[:, 1]) > scale.reach_mm
+        return np.where(misses, 0.0, flow)
 
     def _address(self, name: str) -> Address:
         address = self.config.addresses[name]

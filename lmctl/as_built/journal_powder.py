@@ -18,14 +18,25 @@ class CommandedPowder:
         self._hoppers: list[dict[str, Any]] = []
         self._at_s: list[float] = []
         self._set_g_min: list[dict[str, float]] = []
+        self._hoses: dict[str, list[tuple[float, float, float]]] = {}
 
     def take(self, record: dict[str, Any]) -> None:
-        """Note a header or a change of set-points; that powder is off shows in the samples."""
+        """Note a header, a measured hose or a change of set-points.
+
+        That powder is off shows in the samples.
+        """
         kind = record["kind"]
         if kind == "header":
             self._hoppers = list(record["hoppers"])
+            self._hoses = {hopper["name"]: [(-np.inf, float(hopper["dead_time_s"]),
+                                             float(hopper["lag_s"]))] for hopper in self._hoppers}
         elif kind == "setpoint":
             self._note(float(record["t"]), record["flow_g_min"])
+        elif kind == "hose_response":
+            if record["source"] == "measured":
+                self._hoses[record["hopper"]].append((
+                    float(record["t"]), float(record["used_dead_time_s"]),
+                    float(record["used_lag_s"])))
         elif kind == "samples":
             columns = record["set_g_min"]
             for row, at_s in enumerate(record["at"]):
@@ -50,15 +61,21 @@ class CommandedPowder:
         return flow
 
     def _of_hopper(self, hopper: dict[str, Any], machine_s: FloatArray) -> FloatArray:
-        lag_s = max(float(hopper["lag_s"]), 1e-6)
-        at_s = np.maximum.accumulate(np.array(self._at_s)) + float(hopper["dead_time_s"])
+        dead_time_s, lag_s = self._hose_at(hopper["name"], np.array(self._at_s))
+        at_s = np.maximum.accumulate(np.maximum.accumulate(np.array(self._at_s)) + dead_time_s)
         wanted = np.array([one.get(hopper["name"], 0.0) for one in self._set_g_min])
         wanted = wanted / _SECONDS_PER_MIN
-        kept = np.exp(-np.diff(at_s) / lag_s)
+        kept = np.exp(-np.diff(at_s) / lag_s[:-1])
         start = np.zeros(len(at_s))
         for k in range(1, len(at_s)):
             start[k] = wanted[k - 1] + (start[k - 1] - wanted[k - 1]) * kept[k - 1]
         last = np.searchsorted(at_s, machine_s, side="right") - 1
         row = np.maximum(last, 0)
-        decay = np.exp(-np.maximum(machine_s - at_s[row], 0.0) / lag_s)
+        decay = np.exp(-np.maximum(machine_s - at_s[row], 0.0) / lag_s[row])
         return np.where(last >= 0, wanted[row] + (start[row] - wanted[row]) * decay, 0.0)
+
+    def _hose_at(self, hopper: str, set_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """θ and τ by which each set-point was led, (n,) each [s]."""
+        since_s, dead_time_s, lag_s = np.array(self._hoses[hopper]).T
+        row = np.searchsorted(since_s, set_s, side="right") - 1
+        return dead_time_s[row], np.maximum(lag_s[row], 1e-6)

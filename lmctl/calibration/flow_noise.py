@@ -9,7 +9,7 @@ has a narrow band and its Cholesky factor is cheap.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import linalg, optimize
@@ -35,6 +35,16 @@ class FlowNoise:
     correlation_s: float
     scale_lag_s: float
     rounding_g: float
+
+
+def rounding_error_g(resolution_g: float, slowest_growth_g: float) -> float:
+    """Standard deviation of a displayed mass by rounding.
+
+    A display that stands still over several readings rounds them all alike: they count as one.
+    slowest_growth_g : between two readings
+    """
+    alike = max(1.0, min(resolution_g / max(slowest_growth_g, 1e-9), 10.0))
+    return resolution_g * math.sqrt(alike / 12.0)
 
 
 def _half_exponential(step_s: FloatArray, T: float) -> FloatArray:
@@ -144,3 +154,23 @@ def fitted_noise(
                  "initial_simplex": np.log([start.rsd, start.correlation_s])
                  + np.array([[0.0, 0.0], [0.5, 0.0], [0.0, 0.7]])})
     return noise_at(found.x)
+
+
+def noise_at_least(
+    time_s: FloatArray, flow_g_s: FloatArray, residual_g: FloatArray, known: FlowNoise
+) -> FlowNoise:
+    """The noise known of a flow, or so much more of its kind as makes residuals likeliest.
+
+    For records too short to show how the noise is correlated.
+    residual_g : (n,) float64, measured less modelled increments
+    """
+    def cost(log_rsd: float) -> float:
+        noise = replace(known, rsd=math.exp(log_rsd))
+        whitener = IncrementWhitener(time_s, flow_g_s, noise)
+        white = whitener.whiten(residual_g)
+        return float(white @ white) + whitener.log_determinant
+
+    least, most = math.log(known.rsd), math.log(max(_RSD_RANGE[1], 2.0 * known.rsd))
+    found = optimize.minimize_scalar(cost, bounds=(least, most), method="bounded",
+                                     options={"xatol": 0.02})
+    return known if cost(least) <= found.fun else replace(known, rsd=math.exp(found.x))

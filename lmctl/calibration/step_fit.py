@@ -15,7 +15,12 @@ from scipy import linalg, optimize
 
 from lmctl.array_types import FloatArray
 from lmctl.calibration.estimate import Estimate
-from lmctl.calibration.flow_noise import FlowNoise, IncrementWhitener, fitted_noise
+from lmctl.calibration.flow_noise import (
+    FlowNoise,
+    IncrementWhitener,
+    fitted_noise,
+    rounding_error_g,
+)
 from lmctl.calibration.step_response import (
     SetpointHistory,
     displayed_mass_g,
@@ -235,14 +240,9 @@ def _fit(
 
 
 def _rounding_g(steps: WeighedSteps) -> float:
-    """Standard deviation of a displayed mass by rounding.
-
-    A display that stands still over several readings rounds them all alike: they count as one.
-    """
+    """Standard deviation of a displayed mass by rounding."""
     growth_g = float(np.median(np.abs(np.diff(steps.mass_g[:: _COARSE_STRIDE])))) / _COARSE_STRIDE
-    slowest_g = growth_g * steps.history.lowest_over_highest
-    alike = max(1.0, min(steps.resolution_g / max(slowest_g, 1e-9), 10.0))
-    return steps.resolution_g * float(np.sqrt(alike / 12.0))
+    return rounding_error_g(steps.resolution_g, growth_g * steps.history.lowest_over_highest)
 
 
 def _further_parameter(column: FloatArray, found: optimize.OptimizeResult) -> Estimate:

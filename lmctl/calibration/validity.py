@@ -22,6 +22,7 @@ from lmctl.config.machine import HopperSettings, MachineProfile
 from lmctl.config.measuring import (
     CalibrationSettings,
     CalibrationUse,
+    FeederTestFacts,
     HopperIntervals,
     Interval,
 )
@@ -140,6 +141,7 @@ def calibrated_profile(profile: MachineProfile, calibration: Calibration) -> Mac
     measured: dict[str, str] = {}
     half_widths: dict[str, float] = {}
     intervals: dict[str, HopperIntervals] = {}
+    feeder_tests: dict[str, FeederTestFacts] = {}
     hoppers = []
     for hopper in profile.hopper:
         update: dict[str, object] = {}
@@ -149,6 +151,9 @@ def calibrated_profile(profile: MachineProfile, calibration: Calibration) -> Mac
         if test is not None:
             measured[f"hopper {hopper.name}"] = test.conditions.measured
             half_widths[hopper.name] = test.slope.half_width / test.slope.value
+            feeder_tests[hopper.name] = FeederTestFacts(
+                (test.scale_lag_s.value, test.scale_lag_s.half_width), test.noise_rsd,
+                test.noise_correlation_s)
             update |= {
                 "dead_time_s": max(test.dead_time_s.value, 0.0),
                 "lag_s": max(test.lag_s.value, 0.0),
@@ -169,7 +174,7 @@ def calibrated_profile(profile: MachineProfile, calibration: Calibration) -> Mac
         measured[f"catch of {' + '.join(mixture.mass_shares)}"] = mixture.conditions.measured
     return profile.with_measured_values(
         tuple(hoppers), dilution, mixtures,
-        CalibrationUse(calibration.digest, measured, half_widths, intervals))
+        CalibrationUse(calibration.digest, measured, half_widths, intervals, feeder_tests))
 
 
 def _measured_mixtures(

@@ -12,15 +12,32 @@ from lmctl.config.quantities import FileName, Name
 from lmctl.config.toml_file import ConfigModel
 
 
+class PurgeMeasuringSettings(ConfigModel):
+    """The catch scale stands at the purge position during runs: each purge measures dead times and
+    lags with it.
+
+    max_s : most time that this adds to a purge; where no pulse of each hopper fits into it, nothing
+        is measured
+    precision_s : half width of the 95 % interval of dead time and lag together that is enough
+    every_layers : a purge is made after so many layers; 0: only where a run starts or resumes
+    """
+
+    max_s: Annotated[float, Field(ge=10, le=600)] = 75.0
+    precision_s: Annotated[float, Field(gt=0, le=1)] = 0.05
+    every_layers: Annotated[int, Field(ge=0, le=100_000)] = 0
+
+
 class ScaleSettings(ModbusDevice):
     """The catch scale under the nozzle, see `ModbusDevice` too.
 
     period_s : how often it is read during a test
     weight_g : of the known weight that its lag is measured with
+    purge : what it measures in runs; None: it is used in tests alone
     """
 
     period_s: Annotated[float, Field(ge=0.05, le=2)] = 0.2
     weight_g: Annotated[float, Field(gt=0, le=100_000)] = 100.0
+    purge: PurgeMeasuringSettings | None = None
 
 
 class CalibrationSettings(ConfigModel):
@@ -88,18 +105,33 @@ class HopperIntervals:
 
 
 @dataclass(frozen=True)
+class FeederTestFacts:
+    """What a hopper's feeder test found of the scale and of the powder's noise.
+
+    scale_lag_s : value and half width of its 95 % interval
+    noise_rsd, noise_correlation_s : of the flow
+    """
+
+    scale_lag_s: tuple[float, float]
+    noise_rsd: float
+    noise_correlation_s: float
+
+
+@dataclass(frozen=True)
 class CalibrationUse:
     """Which calibration a profile's values come from, as jobs and journals carry it.
 
     measured : by what was measured ("hopper A", "catch of 316L"): the date of its measurement
     slope_half_widths : by hopper, of the interval of its slope, as a share of it
     intervals : by hopper, of everything measured
+    feeder_tests : by hopper, what its test found beside it
     """
 
     digest: str
     measured: dict[str, str]
     slope_half_widths: dict[str, float] = field(default_factory=dict)
     intervals: dict[str, HopperIntervals] = field(default_factory=dict)
+    feeder_tests: dict[str, FeederTestFacts] = field(default_factory=dict)
 
     def as_json(self) -> dict[str, object]:
         """As manifests and journals hold it."""

@@ -132,9 +132,22 @@ def _height(record: Record) -> _Said:
             f"{powder}{limit}"), record["at_limit"]
 
 
+def _hose_response(record: Record) -> _Said:
+    if record["source"] != "measured":
+        return f"this purge measured no hoses: {record['reason']}", False
+    what = {"agrees": "as is led by", "replaces": "powder is led by it from now on",
+            "refused": "not sure enough to lead powder by"}[record["revision"]]
+    return (f"hopper {record['hopper']} measured by a purge: dead time "
+            f"{format_number(record['dead_time_s'], 2)} ± "
+            f"{format_number(record['dead_time_half_s'], 2)} s, lag "
+            f"{format_number(record['lag_s'], 2)} ± {format_number(record['lag_half_s'], 2)} s, "
+            f"{what}"), record["revision"] != "agrees"
+
+
 _WORDS: dict[str, Callable[[Record], _Said]] = {
     "header": _header, "state": _state, "act": _act, "override": _override,
     "operator": _operator, "alarm": _alarm, "alarm_cleared": _alarm_cleared,
     "warning": _warning, "place": _place, "entry": _entry, "unreported": _unreported,
     "fault": _fault, "refill": _refill, "height": _height,
+    "hose_response": _hose_response,
 }

@@ -12,7 +12,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -64,6 +65,17 @@ class NozzleInference:
         self._orders_g_min.append(tuple(
             float(flows_g_min.get(hose.name, old))
             for hose, old in zip(self._hoses, before, strict=True)))
+
+    def take_hose_response(self, record: dict[str, Any]) -> None:
+        """A purge has measured a hose, or nothing: later samples are behind it as it is then used.
+
+        Samples before it have been advanced over.
+        """
+        if record["source"] == "measured":
+            self._hoses = tuple(
+                replace(hose, dead_time_s=float(record["used_dead_time_s"]),
+                        lag_s=float(record["used_lag_s"]))
+                if hose.name == record["hopper"] else hose for hose in self._hoses)
 
     def advance(self, at_s: FloatArray, reported_g_min: FloatArray) -> FloatArray:
         """Mixtures at the next samples.

@@ -111,6 +111,9 @@ class ReportedValueGatherer:
                 self._layers.insert(at, int(record["layer"]))
             case "setpoint" if self._nozzle is not None:
                 self._nozzle.order_flows(float(record["t"]), record["flow_g_min"])
+            case "hose_response" if self._nozzle is not None:
+                self._work_off()
+                self._nozzle.take_hose_response(record)
             case "samples":
                 for name in ("at", "line", "feed_mm_min", "s_word"):
                     self._rows.setdefault(name, []).extend(record[name])

@@ -26,6 +26,7 @@ from lmctl.run.journal.earlier_run import EarlierRun
 from lmctl.run.journal.last_known_position import LastKnownPosition
 from lmctl.run.journal.recorder import RunRecorder
 from lmctl.run.powder.height_control import HeightControl
+from lmctl.run.powder.purge_procedure import PurgeProcedure
 from lmctl.run.powder.refill import RefillProcedure
 from lmctl.run.powder.slope_watch import SlopeWatch
 from lmctl.run.powder.supply import SupplyWatch
@@ -35,9 +36,6 @@ from lmctl.run.status.phase import PhaseClock
 
 #: A held run waits so long for its operator; then it is stopped, and can be recovered [s].
 HELD_AT_MOST_S = 1800.0
-
-#: Beyond its own settling time a feeder may take so long to call its powder stable.
-_STABLE_PATIENCE_S = 60.0
 
 #: Effects that only feeders can fail.
 _BY_FEEDERS = frozenset({
@@ -58,8 +56,10 @@ class CellSequence:
     continues : what an earlier run has made of the part; None for a new one
     refilling : the hoppers that are refilled in this run
     refill_due : called when the run is held and a hopper is to be opened
-    heights : of the part, where the job asks for them; height_due : called at the end of a layer
-        where the run is to be held for one; height_asked : called when it is
+    heights : of the part, where the job asks for them; height_asked : called when the run is held
+        for one
+    purge : every purge of the run; resume_due : called when it is held for one between layers
+    layer_stop_due : called at the end of a layer where the run is to be held for either
     alarms : what is wrong, or was when the run was last held
     accounts : of the layers
     phase : what is under way, and for how long
@@ -70,8 +70,8 @@ class CellSequence:
         self, job: JobReader, profile: MachineProfile, hoppers: Sequence[HopperSettings],
         recorder: RunRecorder, course: JobProgress, *, program_done: Callable[[], None],
         held: Callable[[], bool], tripped: Callable[[Exception], None],
-        refill_due: Callable[[], None], height_due: Callable[[], None],
-        height_asked: Callable[[], None],
+        refill_due: Callable[[], None], layer_stop_due: Callable[[], None],
+        height_asked: Callable[[], None], resume_due: Callable[[], None],
         progress: Progress | None, whereabouts: LastKnownPosition, run: str,
         continues: EarlierRun | None = None, heights: HeightControl | None = None,
     ) -> None:
@@ -92,8 +92,10 @@ class CellSequence:
         self._tripped = tripped
         self._refill_due = refill_due
         self.heights = heights
-        self._height_due = height_due
+        self._layer_stop_due = layer_stop_due
         self._height_asked = height_asked
+        self._resume_due = resume_due
+        self.purge = PurgeProcedure(job.manifest, profile, hoppers, self.alarms, recorder)
         self.refilling = RefillProcedure(hoppers, recorder)
         self._progress = progress
         self._continues = continues
@@ -184,6 +186,7 @@ class CellSequence:
             with suppress(JournalError):  # unwritten, the position is not trusted the next time
                 self._whereabouts.record_run_end(self._cell.motion)
             await self._cell.close()
+        await self.purge.close()
 
     @property
     def position_trusted(self) -> bool:
@@ -205,8 +208,8 @@ class CellSequence:
         )
         self._course.begin(RunSegmentFactory(
             self._job, profile, self._hoppers, cell, self._recorder,
-            self.accounts, self.beam_off, self._program_done, self._tripped, self._progress,
-            self.heights, self._height_due,
+            self.accounts, self.beam_off, self.purge.hoses, self._program_done,
+            self._tripped, self._progress, self.heights, self.purge.layers, self._layer_stop_due,
         ))
         self._watch = DeviceMonitor(
             cell, profile, lambda: self._course.segment.deposition, self.alarms, self._recorder,
@@ -227,21 +230,14 @@ class CellSequence:
         await self._beam.move_to_purge(self._profile.motion)
 
     async def _gas_on(self) -> None:
-        await self._connected.for_each_feeder(FeederDriver.start_gas)
+        await self.purge.switch_gas_on(self._connected)
 
     async def _powder_on(self) -> None:
-        self._course.segment.feed.start()
-        await self._connected.for_each_feeder(FeederDriver.start_powder)
+        await self.purge.switch_powder_on(self._connected, self._course.segment.feed)
 
     async def _await_stable(self) -> None:
-        """Wait θ + 4τ, until hose outflow equals inflow, and until the feeders report stable."""
-        cell = self._connected
-        await asyncio.sleep(self._course.segment.feed.plan.settling_s)
-        await cell.wait_until(
-            lambda: all(f.status is not None and f.status.stable for f in cell.feeders),
-            _STABLE_PATIENCE_S, "stable powder",
-        )
-        await self.refilling.prove_flow(cell)
+        await self.purge.settle(self._connected, self._course.segment.feed)
+        await self.refilling.prove_flow(self._connected)
 
     async def _arm_beam(self) -> None:
         await self._course.restore_requested_override(self._connected)
@@ -273,7 +269,15 @@ class CellSequence:
         if self.heights is not None and self.heights.awaited is not None:
             self.alarms.notify(self.heights.request_text())
             self._height_asked()
+        elif self._is_purge_all_that_holds():
+            self._resume_due()
         await asyncio.sleep(HELD_AT_MOST_S)
+
+    def _is_purge_all_that_holds(self) -> bool:
+        """Whether the run was held for a purge alone, so that it goes on by itself."""
+        is_due = self.purge.layers is not None and self.purge.layers.take_due()
+        return is_due and self.refilling.hopper is None and not (
+            len(self.alarms) or self.active_alarms())
 
     async def _close_hopper(self) -> None:
         self.alarms.notify(await self.refilling.weigh_and_record(self._connected))

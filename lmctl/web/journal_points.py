@@ -40,11 +40,15 @@ class JournalPoints:
         self._nozzle: NozzleInference | None = None
         self._known_from_s = math.inf
         self._flows: dict[str, float] = {}
+        self._hose_responses: dict[str, dict[str, Any]] = {}  # last measured, by hopper
         self.restart(at_start=True)
 
     def restart(self, *, at_start: bool = False) -> None:
         """Forget what is in the hoses: records were passed over. at_start : they hold no powder"""
         self._nozzle = None if self._scales is None else nozzle_of(self._header, self._scales)
+        if self._nozzle is not None:
+            for record in self._hose_responses.values():
+                self._nozzle.take_hose_response(record)
         self._flows.clear()
         self._known_from_s = -math.inf if at_start else math.inf
 
@@ -53,6 +57,10 @@ class JournalPoints:
         t_s = float(record["t"])
         if record["kind"] == "setpoint":
             self._order(t_s, record["flow_g_min"])
+        if record["kind"] == "hose_response" and record["source"] == "measured":
+            self._hose_responses[str(record["hopper"])] = record
+            if self._nozzle is not None:
+                self._nozzle.take_hose_response(record)
         if record["kind"] != "samples":
             return None
         at_s = [float(one) for one in record["at"]]

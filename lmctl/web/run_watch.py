@@ -35,7 +35,7 @@ _POINTS_KEPT, _EVENTS_KEPT = 3000, 200
 #: Records that people read as they come.
 _EVENTS = frozenset({
     "state", "operator", "alarm", "alarm_cleared", "warning", "fault", "override", "refill",
-    "entry", "place", "layer_opened", "seal", "slope_correction", "height",
+    "entry", "place", "layer_opened", "seal", "slope_correction", "height", "hose_response",
 })
 _LEFT_OUT = frozenset({"prev", "sha256"})
 

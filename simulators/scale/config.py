@@ -20,6 +20,8 @@ class ScaleConfig:
     tare_works : whether it carries a tare out
     drift_g_min : by which the display moves without a load
     weight_g : of the known weight that lies beside it
+    x_mm, y_mm : where it stands; reach_mm : how far from there the nozzle may be for its powder to
+        fall onto the pan; 0: wherever the nozzle is, it is under it
     device_id : its unit id
     seed : of the noise
     """
@@ -34,6 +36,9 @@ class ScaleConfig:
     tare_works: bool = True
     drift_g_min: float = 0.0
     weight_g: float = 100.0
+    x_mm: float = 0.0
+    y_mm: float = 0.0
+    reach_mm: float = 0.0
     seed: int = 0
     word_order: WordOrder = WordOrder.ABCD
 
@@ -52,5 +57,8 @@ def read_scale_config(table: TableReader) -> ScaleConfig:
         tare_works=table.boolean("tare_works", usual.tare_works),
         drift_g_min=table.number("drift_g_min", usual.drift_g_min, least=-100, most=100),
         weight_g=table.number("weight_g", usual.weight_g, above=0, most=1e6),
+        x_mm=table.number("x_mm", usual.x_mm, least=-10_000, most=10_000),
+        y_mm=table.number("y_mm", usual.y_mm, least=-10_000, most=10_000),
+        reach_mm=table.number("reach_mm", usual.reach_mm, least=0, most=10_000),
         seed=table.integer("seed", usual.seed, least=0, most=2**31),
     )

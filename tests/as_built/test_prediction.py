@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from lmctl.as_built.believed_dilution import LevelDilution
+from lmctl.as_built.journal_powder import CommandedPowder
 from lmctl.as_built.prediction import _Beads, _strips
 
 
@@ -52,3 +53,21 @@ def test_layers_melt_what_lies_below_them(substrate):
             laid = 0.8 * laid + 0.2 * below
         assert found[:, 0, 1, level] / 7.0 == pytest.approx(laid)
         below = laid
+
+
+def test_a_hose_that_a_purge_has_measured_delays_what_is_set_from_then_on():
+    """Steps at 10 s and 30 s, the second behind the hose as measured at 20 s."""
+    powder = CommandedPowder()
+    powder.take({"kind": "header", "hoppers": [
+        {"name": "A", "material": "316L", "dead_time_s": 3.0, "lag_s": 1.0}]})
+    for record in (
+        {"kind": "setpoint", "t": 10.0, "flow_g_min": {"A": 6.0}},
+        {"kind": "hose_response", "t": 20.0, "source": "not measured", "reason": "it is full"},
+        {"kind": "hose_response", "t": 20.0, "source": "measured", "hopper": "A",
+         "used_dead_time_s": 4.0, "used_lag_s": 0.5},
+        {"kind": "setpoint", "t": 30.0, "flow_g_min": {"A": 12.0}},
+    ):
+        powder.take(record)
+    at_s = np.array([12.9, 14.0, 25.0, 33.9, 34.5, 40.0])
+    expected = [0.0, 0.1 * (1 - np.exp(-1)), 0.1, 0.1, 0.2 - 0.1 * np.exp(-1), 0.2]
+    assert powder.flow_g_s("316L", at_s) == pytest.approx(expected, abs=1e-4)

@@ -97,3 +97,19 @@ def test_a_mixture_that_is_caught_otherwise_than_its_powders_is_inferred_so(tmp_
     assert found == pytest.approx(volume / volume.sum())
     alone = np.array([3 * e_a / steel.density_g_mm3, 4 * e_b / carbide.density_g_mm3])
     assert abs(found[0] - alone[0] / alone.sum()) > 0.01
+
+
+def test_a_mixture_is_inferred_behind_the_hose_that_a_purge_has_measured(tmp_path):
+    """A's powder is set at 10 s; after the purge it comes 4 s later, and not 3 s."""
+    from lmctl.report.nozzle_inference import HoseValues, NozzleInference
+
+    nozzle = NozzleInference((HoseValues("A", 0, 3.0, 0.0, 100.0),
+                              HoseValues("B", 1, 2.0, 0.0, 100.0)), 2)
+    nozzle.order_flows(0.0, {"A": 3.0, "B": 3.0})
+    nozzle.advance(np.array([9.0]), np.full((1, 2), np.nan))
+    nozzle.take_hose_response({"source": "not measured", "reason": "it is full"})
+    nozzle.take_hose_response({"source": "measured", "hopper": "A", "used_dead_time_s": 4.0,
+                               "used_lag_s": 0.0})
+    nozzle.order_flows(10.0, {"A": 9.0, "B": 3.0})
+    found = nozzle.advance(np.array([13.5, 14.5]), np.full((2, 2), np.nan))
+    assert found[:, 0] == pytest.approx([0.5, 0.75])

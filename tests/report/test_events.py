@@ -37,6 +37,13 @@ LOCAL = {"wall": "2026-01-02T03:04:05.678Z", "uid": 1000, "where": ["feeder F1"]
      "is", True),
     ("height", {"layers": 10, "height_mm": None, "volume_factor": 1.0, "source": "not measured"},
      "height after layer 10: not measured", False),
+    ("hose_response", {"source": "measured", "hopper": "A", "dead_time_s": 3.412,
+                       "dead_time_half_s": 0.07, "lag_s": 1.0, "lag_half_s": 0.0912,
+                       "revision": "replaces"},
+     "hopper A measured by a purge: dead time 3.41 ± 0.07 s, lag 1 ± 0.09 s, powder is led by it "
+     "from now on", True),
+    ("hose_response", {"source": "not measured", "reason": "catch scale: it is full"},
+     "this purge measured no hoses: catch scale: it is full", False),
     ("refill", {"hopper": "A", "material": "316L", "lot": "L7", "mass_g": 500.0,
                 "weighed_g": 498.2}, "hopper A refilled: 316L, lot L7, 500 g as stated, "
      "498.2 g by weight", False),

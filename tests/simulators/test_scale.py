@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import math
 
 import numpy as np
@@ -104,3 +105,36 @@ def test_it_refuses_what_it_does_not_have_and_may_fall_silent() -> None:
     pan.scale.set_silent()
     with pytest.raises(RequestIgnoredError):
         pan.read()
+
+
+def test_a_scale_at_a_place_catches_powder_only_from_above_it() -> None:
+    """The nozzle is at rest at x 0, y 0: 5 mm from the scale."""
+    from dataclasses import replace
+
+    near, far = (bench_caught_g_s(replace(ScaleConfig(), x_mm=3.0, y_mm=4.0, reach_mm=reach_mm))
+                 for reach_mm in (5.5, 4.5))
+    everywhere = bench_caught_g_s(ScaleConfig())
+    assert near == everywhere > 0.05
+    assert far == 0.0
+
+
+def bench_caught_g_s(scale: ScaleConfig) -> float:
+    """What falls onto the scale of the shipped bench while hopper A runs at 4 g/min."""
+    from dataclasses import replace
+    from importlib.resources import files
+
+    from simulators.bench import Bench
+    from simulators.bench_config import BenchConfig
+    from simulators.virtual_time import run_in_virtual_time
+
+    config = BenchConfig.parse((files("lmctl.examples") / "bench.toml").read_text())
+
+    async def main() -> float:
+        async with Bench(replace(config, scale=scale), ephemeral_ports=True) as bench:
+            process = bench.feeders["F1"].hoppers[1].process
+            process.command_rpm(0.0, 1.6)
+            await asyncio.sleep(60.0)
+            shown = FULL_BLOCK.decode(bench.scale.read_input(0, FULL_BLOCK.count))
+            return (shown["MASS"] - scale.pan_g) / 60.0
+
+    return run_in_virtual_time(main())

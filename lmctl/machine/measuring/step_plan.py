@@ -80,10 +80,10 @@ class StepPlan:
         return min(_FIRST_STEPS, self.max_steps)
 
 
-def plan_steps(hopper: HopperSettings, limit_s: float = 600.0) -> StepPlan:
-    """The steps of a hopper's test.
+def step_levels_g_min(hopper: HopperSettings) -> tuple[float, float]:
+    """Set-points between which a hopper is stepped, the greater of them last.
 
-    Raises ConfigError where its range does not hold steps of 1:8, or the limit no four steps.
+    Raises ConfigError where its range does not hold steps of 1:8.
     """
     most = hopper.max_flow_g_min
     least = hopper.min_flow_g_min
@@ -97,6 +97,15 @@ def plan_steps(hopper: HopperSettings, limit_s: float = 600.0) -> StepPlan:
             f"hopper {hopper.name} cannot be tested with steps of 1:{LEAST_RATIO:g}",
             where=f"it feeds {least:g} to {most:g} g/min",
             hint="correct min_flow_g_min and max_flow_g_min in the profile, or test it by hand")
+    return low, high
+
+
+def plan_steps(hopper: HopperSettings, limit_s: float = 600.0) -> StepPlan:
+    """The steps of a hopper's test.
+
+    Raises ConfigError where its range does not hold steps of 1:8, or the limit no four steps.
+    """
+    low, high = step_levels_g_min(hopper)
     settling_s = hopper.dead_time_s + 5.0 * hopper.lag_s
     plan = StepPlan(low, high, max(20.0, 2.0 * settling_s + 5.0),
                     max(_LEAST_HOLD_S, 2.0 * settling_s), limit_s)

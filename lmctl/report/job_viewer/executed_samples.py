@@ -83,6 +83,9 @@ class SampleGatherer:
                 self._nozzle = nozzle_of(record, self._scales)
             case "setpoint" if self._nozzle is not None:
                 self._nozzle.order_flows(float(record["t"]), record["flow_g_min"])
+            case "hose_response" if self._nozzle is not None:
+                self._work_off()
+                self._nozzle.take_hose_response(record)
             case "samples":
                 for name in ("at", "line", "x_mm", "y_mm", "feed_mm_min", "s_word"):
                     self._columns.setdefault(name, []).extend(record[name])

@@ -77,7 +77,8 @@ class Deposition:
         if stop_before is not None:
             self._streamer.end_before_line(*stop_before)
         self._override = FeedOverride(
-            clock, window, feed.plan.lead_s, motion.status_period_s, cell.motion.send_realtime)
+            clock, window, lambda: feed.plan.lead_s, motion.status_period_s,
+            cell.motion.send_realtime)
         self._done = done
         self._failed = failed
         self._progress = progress

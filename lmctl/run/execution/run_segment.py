@@ -18,7 +18,9 @@ from lmctl.run.execution.layer_accounts import LayerAccounts
 from lmctl.run.execution.layer_plan import LayerPlan, layer_plan
 from lmctl.run.journal.recorder import RunRecorder
 from lmctl.run.powder.height_control import HeightControl
-from lmctl.run.powder.lead import HoseDynamics, PowderPlan
+from lmctl.run.powder.hose_calibration import HoseCalibration
+from lmctl.run.powder.layer_purge import LayerPurges
+from lmctl.run.powder.lead import PowderPlan
 from lmctl.run.powder.setpoint_sender import SetpointSender
 from lmctl.run.program.job_window import JobWindow
 from lmctl.run.program.layer_program import LayerProgram, layer_program_of
@@ -43,8 +45,10 @@ class RunSegmentFactory:
     accounts : of the layers, for the whole run
     beam_off : every power is sent as zero
     done, failed : as `Deposition` and `SetpointSender` have them
-    heights : where the job asks for height checks; height_due : called at the end of a layer where
-        the run is to be held for one
+    hoses : dead times and lags in use
+    heights, purges : height checks, where the job asks for them, and purges between layers, where
+        the profile does
+    stop_due : called at the end of a layer where the run is to be held for either
     """
 
     job: JobReader
@@ -54,11 +58,13 @@ class RunSegmentFactory:
     recorder: RunRecorder
     accounts: LayerAccounts
     beam_off: bool
+    hoses: HoseCalibration
     done: Callable[[], None]
     failed: Callable[[Exception], None]
     progress: Progress | None
     heights: HeightControl | None = None
-    height_due: Callable[[], None] = lambda: None
+    purges: LayerPurges | None = None
+    stop_due: Callable[[], None] = lambda: None
 
     def create(
         self, reached: PlaceReached, before: RunSegment | None, override_percent: int
@@ -84,18 +90,15 @@ class RunSegmentFactory:
         window = self._window(entry)
         self._announce(window, override_percent)
         clock = ProgramClock(window)
-        hoses = [
-            HoseDynamics(h.dead_time_s, h.lag_s, h.max_flow_g_min, h.min_flow_g_min)
-            for h in self.hoppers
-        ]
         factor = 1.0 if self.heights is None else self.heights.volume_factor
-        plan = PowderPlan(self.job.manifest.powder_mode, hoses, window, clock, factor)
+        plan = PowderPlan(self.job.manifest.powder_mode, self.hoses.dynamics(), window,
+                          clock, factor)
         self.accounts.plan_of = lambda layer: self._plan_of(layer, entry, window)
         feed = SetpointSender(self.cell, plan, clock, self.recorder, self.failed)
         return RunSegment(clock, feed, Deposition(
             self.cell, window, clock, feed, self.recorder, self.accounts, self.profile.motion,
             entry=entry, reached=reached,
-            stop_before=self._height_boundary(window.first_layer().index), done=self.done,
+            stop_before=self._layer_stop(window.first_layer().index), done=self.done,
             failed=self.failed, progress=self.progress,
         ))
 
@@ -108,18 +111,21 @@ class RunSegmentFactory:
             self.job.manifest, self.job.read_layer, reached.place, self.profile.motion)
         return None if entry is None else preview_of(entry)
 
-    def _height_boundary(self, layer: int) -> tuple[int, Callable[[], None]] | None:
-        """Where the run is held for a height check, and what announces it."""
-        heights = self.heights
-        boundary = None if heights is None else heights.next_boundary(layer)
-        if heights is None or boundary is None:
+    def _layer_stop(self, layer: int) -> tuple[int, Callable[[], None]] | None:
+        """The line before which the run is held next between layers, and what announces it."""
+        asking = [(found, one.on_boundary) for one in (self.heights, self.purges)
+                  if one is not None and (found := one.next_boundary(layer)) is not None]
+        if not asking:
             return None
+        line = min(boundary.line for boundary, _ in asking)
 
         def reached() -> None:
-            heights.on_boundary(boundary)
-            self.height_due()
+            for boundary, announce in asking:
+                if boundary.line == line:
+                    announce(boundary)
+            self.stop_due()
 
-        return boundary.line, reached
+        return line, reached
 
     def _announce(self, window: JobWindow, override_percent: int) -> None:
         """Time left by the plan, until the deposition reports it."""
@@ -148,7 +154,8 @@ class RunSegmentFactory:
             following = window.layer_program(index + 1)
         leads = self.job.manifest.powder_mode == "lead"
         return layer_plan(layer, following, {
-            h.name: h.dead_time_s + h.lag_s if leads else 0.0 for h in self.hoppers
+            hopper.name: hose.dead_time_s + hose.lag_s if leads else 0.0
+            for hopper, hose in zip(self.hoppers, self.hoses.dynamics(), strict=True)
         })
 
     def _complete_layer(self, index: int) -> LayerProgram:

@@ -173,6 +173,11 @@ class RunRecorder:
         """Set-points of a hopper are corrected from now on."""
         self._event("slope_correction", **fields)
 
+    def record_hose_response(self, **fields: Any) -> None:
+        """What a purge has measured of a hopper's dead time and lag, or why nothing; durable."""
+        self._event("hose_response", **fields)
+        self._sync()
+
     def record_height(self, **fields: Any) -> None:
         """The height of the part between two layers, and what follows from it; durable."""
         self._event("height", **fields)

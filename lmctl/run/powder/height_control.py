@@ -24,7 +24,7 @@ _PLAUSIBLE_SHARES = (0.5, 1.5)
 
 
 @dataclass(frozen=True)
-class HeightBoundary:
+class LayerBoundary:
     """layers : deposited when the run is to be held; line : the first one that is not sent"""
 
     layers: int
@@ -91,16 +91,16 @@ class HeightControl:
                 return number
         return len(self._layers)
 
-    def next_boundary(self, layer: int) -> HeightBoundary | None:
+    def next_boundary(self, layer: int) -> LayerBoundary | None:
         """Where a run that enters layer `layer`, from 0, is held next; None where it is not."""
         layers = (layer // self.every + 1) * self.every
         while layers < len(self._layers):
             if self._layers_to_end_of_part(layers) > layers:  # else nothing is left to correct
-                return HeightBoundary(layers, self._layers[layers].first_line)
+                return LayerBoundary(layers, self._layers[layers].first_line)
             layers += self.every
         return None
 
-    def on_boundary(self, boundary: HeightBoundary) -> None:
+    def on_boundary(self, boundary: LayerBoundary) -> None:
         """The run has come to a boundary, and is about to be held."""
         self.awaited = boundary.layers
 

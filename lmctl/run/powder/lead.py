@@ -121,13 +121,17 @@ class PowderPlan:
     ) -> None:
         self._volume_factor = volume_factor
         self._leads = mode == "lead"
-        self._hoses = tuple(hoses)
         self._window = window
         self._clock = clock
-        self._rests = [remaining_fraction(hose.lag_s) for hose in hoses]
         self._outflow: list[float] | None = None
         self._setpoints: list[float] = []
-        self._lasts = [1] * len(self._hoses)  # ticks for which each set-point was chosen
+        self._lasts = [1] * len(hoses)  # ticks for which each set-point was chosen
+        self.set_hoses(hoses)
+
+    def set_hoses(self, hoses: Sequence[HoseDynamics]) -> None:
+        """Lead powder by these from now on; called before `start`."""
+        self._hoses = tuple(hoses)
+        self._rests = [remaining_fraction(hose.lag_s) for hose in hoses]
         self.settling_s = max(hose.settling_s for hose in hoses)
         #: How long before motion the set-points begin to follow the program.
         self.lead_s = max(hose.dead_time_s for hose in hoses) if self._leads else 0.0

@@ -39,6 +39,11 @@ class SetpointSender:
         self._timer: asyncio.TimerHandle | None = None
         clock.turned = self._look_again
 
+    def hold_flows(self, flows_g_min: tuple[float, ...]) -> None:
+        """Send these set-points, in the order of the job's hoppers, and no others until `start`."""
+        self._change(flows_g_min)
+        self._cell.set_flows(dict(zip(self._names, flows_g_min, strict=True)))
+
     def start(self) -> None:
         """Send set-points from now on; the first at once."""
         if not self._is_on:
@@ -49,10 +54,10 @@ class SetpointSender:
 
     def stop(self) -> None:
         """Send no more set-points. (It is for the feeders' own command to stop the discs.)"""
-        if self._is_on:
-            self._is_on = False
-            if self._timer is not None:
-                self._timer.cancel()
+        self._is_on = False
+        if self._timer is not None:
+            self._timer.cancel()
+        if any(self.flows_g_min):
             self._change((0.0,) * len(self._names))
 
     def _tick(self, ticks: int) -> None:

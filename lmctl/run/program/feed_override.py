@@ -32,14 +32,14 @@ _DUE_S = 1e-3
 class FeedOverride:
     """The feed override of one run, from where it is entered to the next hold.
 
-    lead_s : transport time of the powder
+    lead_s : answers the transport time of the powder, which a purge may measure anew
     status_period_s : how often `look` is called while one is planned
     realtime : sends a byte to the controller at once
     """
 
     def __init__(
-        self, clock: ProgramClock, window: JobWindow, lead_s: float, status_period_s: float,
-        realtime: Callable[[RealtimeCommand], None],
+        self, clock: ProgramClock, window: JobWindow, lead_s: Callable[[], float],
+        status_period_s: float, realtime: Callable[[RealtimeCommand], None],
     ) -> None:
         self._clock = clock
         self._window = window
@@ -63,7 +63,7 @@ class FeedOverride:
     def schedule(self, t: float) -> None:
         """Find the place at which to set the requested override."""
         clock, rate = self._clock, self._asked / 100.0
-        powder_s = clock.program_time_ahead_s(t, self._lead_s + _NOTICE_S)
+        powder_s = clock.program_time_ahead_s(t, self._lead_s() + _NOTICE_S)
         if clock.is_override_pending_before(powder_s):
             return  # powder is on its way for that one: `look` comes back to this
         clock.cancel_scheduled_override()

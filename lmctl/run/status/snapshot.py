@@ -139,6 +139,8 @@ class RunView:
             return ""
         if alarms.cause is None and _awaits_height(sequence):
             return "a height check"
+        if alarms.cause is None and _awaits_purge(sequence):
+            return "a purge between layers"
         return "the operator" if alarms.cause is None else alarms.cause.what
 
     def _next(self, state: RunState, sequence: CellSequence) -> list[dict[str, str]]:
@@ -167,6 +169,10 @@ class RunView:
 def _rounded(fractions: dict[str, float] | None) -> dict[str, float] | None:
     return None if fractions is None else {
         material: round(one, 4) for material, one in fractions.items()}
+
+
+def _awaits_purge(sequence: CellSequence) -> bool:
+    return sequence.purge.layers is not None and sequence.purge.layers.is_due
 
 
 def _awaits_height(sequence: CellSequence) -> bool:

@@ -204,5 +204,6 @@ def wired(profile, endpoints):
 
     return profile.model_copy(update={
         "motion": at(profile.motion, "motion"), "safety": at(profile.safety, "safety"),
+        "scale": at(profile.scale, "scale"),
         "feeder": tuple(at(feeder, feeder.name) for feeder in profile.feeder),
     })
