@@ -11,6 +11,7 @@ from contextlib import suppress
 from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Any, TypeVar
+from uuid import uuid4
 
 from firmware_protocol.map_file import shipped_map
 from lmctl.config.file_kind import FileKind, refuse_other_kind
@@ -191,7 +192,7 @@ def replace_endpoints(profile: MachineProfile, endpoints: dict[str, str]) -> Mac
             "the bench has no safety device, and the profile has one",
             hint="give --bench a file with a table [safety]",
         )
-    return profile.model_copy(update={
+    return profile.as_simulated(uuid4().hex).model_copy(update={
         "safety": profile.safety and profile.safety.model_copy(
             update={"endpoint": endpoints["safety"]}
         ),

@@ -130,7 +130,8 @@ def unlock(
     """End the latched alarms of the motion controller and the feeders, as a deliberate act.
 
     With homing enabled the position stays distrusted: home the machine afterwards. Without it, to
-    unlock is to say that the position is right.
+    unlock is to say that the position is right; one that was lost has to be stated instead, with
+    `lmctl machine offset --here`.
     """
     cell = choose_cell(machine, sim, bench)
     locked = _locked(_look(cell, runs_dir), cell.profile)
@@ -204,7 +205,7 @@ async def run_with_motion(
 
     async with open_motion_controller(profile) as motion:
         try:
-            whereabouts.trust_if_unmoved(motion)
+            whereabouts.judge_position(motion)
             return await act(motion)
         finally:
             whereabouts.record_position(motion)
@@ -233,7 +234,7 @@ async def run_journaled(
     from lmctl.run.journal.last_known_position import LastKnownPosition
 
     with lock_machine(profile, f"lmctl machine {what['do']}", runs_dir):
-        whereabouts = LastKnownPosition(runs_dir, profile.name)
+        whereabouts = LastKnownPosition(runs_dir, profile)
         journal = whereabouts.journal
         journal.append("act", **what)
         why = "a bug"

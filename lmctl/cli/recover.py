@@ -45,8 +45,9 @@ _ALL = "all"
               help="Of the bead that is in doubt, so many millimetres are on the part: you have "
                    "looked. 0, a length, or \"all\".")
 @click.option("--position-restored", is_flag=True,
-              help="The controller had lost its place, and you have given it back: program "
-                   "coordinates are those of the part again.")
+              help="The controller had lost its place, and you have given it back by other means "
+                   "than `lmctl machine offset --here`: program coordinates are those of the part "
+                   "again.")
 @operator_option
 @click.option("--json", "as_json", is_flag=True, help="Print the result as one JSON object.")
 def recover(
@@ -115,15 +116,19 @@ async def prepare(
     from lmctl.run.cell.ownership import lock_machine
     from lmctl.run.execution.unreported_motion import journal_unreported_motion
     from lmctl.run.executor import EarlierRun
+    from lmctl.run.journal.last_known_position import LastKnownPosition
     from lmctl.run.journal.recovery import find_recovery_place, refuse_finished
 
     with lock_machine(profile, "lmctl recover", runs_dir), JobReader(after.run.job) as job:
         uptimes_s = await _uptimes_s(profile)
         async with open_motion_controller(profile) as motion:
-            seen = _seen(motion, uptimes_s)
+            whereabouts = LastKnownPosition(runs_dir, profile)
+            whereabouts.judge_position(motion)
+            seen = _seen(motion, uptimes_s, whereabouts.history.lost)
             found = find_recovery_place(job, after, seen, profile)
             if not is_homing_enabled(motion.settings):
-                _refuse_lost(after, motion, found, restored=restored)
+                _refuse_lost(after, motion, found, restored=(
+                    restored or whereabouts.history.is_stated_since_run))
             home = is_homing_enabled(motion.settings) and (
                 _is_alarmed(motion) or (found.lost != "" and not seen.homed))
             steps = [f"home the machine: {found.lost or 'its controller is in alarm'}",
@@ -177,17 +182,22 @@ async def _uptimes_s(profile: MachineProfile) -> dict[str, float]:
     return uptimes_s
 
 
-def _seen(motion: MotionDriver, uptimes_s: dict[str, float]) -> MachineSeen:
+def _seen(
+    motion: MotionDriver, uptimes_s: dict[str, float], recorded_loss: str
+) -> MachineSeen:
     from lmctl.machine.motion.identity import is_homing_enabled
     from lmctl.run.journal.recovery import MachineSeen
 
     report = motion.status
     at_mm = None if report is None else report.machine_mm
+    doubt = motion.position_doubt
+    if is_homing_enabled(motion.settings) and not motion.position_trusted:
+        doubt = "nothing shows that the machine is homed"
     return MachineSeen(
         motion.position_mm, at_zero=at_mm is not None and not any(at_mm),
         restarted=motion.restarted,
-        homed=motion.position_trusted and is_homing_enabled(motion.settings),
-        dialect=motion.identity.dialect, uptimes_s=uptimes_s,
+        homed=motion.position_trusted and is_homing_enabled(motion.settings), doubt=doubt,
+        recorded_loss=recorded_loss, dialect=motion.identity.dialect, uptimes_s=uptimes_s,
     )
 
 
@@ -195,6 +205,8 @@ def _refuse_lost(
     after: RunReplay, motion: MotionDriver, found: RecoveryPlace, *, restored: bool
 ) -> None:
     """Raise MachineError where a controller without homing has lost its place, or is in alarm."""
+    from lmctl.run.cell.motion_conditions import TOUCH_OFF
+
     if _is_alarmed(motion):
         raise MachineError("the motion controller is in alarm, and has no homing cycle ($22=0)",
                            hint="see that its position is right, then `lmctl machine unlock`")
@@ -203,9 +215,8 @@ def _refuse_lost(
     raise MachineError(
         "the controller has lost its place: going on would deposit at a wrong one",
         where=[found.lost, "it has no homing ($22=0) by which to find it again"],
-        hint="touch off: bring the nozzle to a known point of the part with `lmctl machine jog "
-             "--relative`, say where that is with `lmctl machine offset --here X.. Y.. Z..`; then "
-             f"`{after.run.command('recover')} --position-restored`",
+        hint=f"{TOUCH_OFF}; then `{after.run.command('recover')}` (with --position-restored where "
+             "you have given it back in another way)",
     )
 
 

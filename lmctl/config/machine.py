@@ -185,11 +185,23 @@ class MachineProfile(ConfigModel):
     dilution: Annotated[tuple[DilutionSettings, ...], Field(max_length=1000)] = ()
     mixture_catch: Annotated[tuple[MixtureCatchSettings, ...], Field(max_length=1000)] = ()
     _calibration_use: CalibrationUse | None = PrivateAttr(default=None)
+    _simulated_cell: str = PrivateAttr(default="")
 
     @property
     def calibration_use(self) -> CalibrationUse | None:
         """Where measured values have come from; None where all are as typed in."""
         return self._calibration_use
+
+    @property
+    def simulated_cell(self) -> str:
+        """Which simulated cell stands for the machine, "" where it is the machine itself."""
+        return self._simulated_cell
+
+    def as_simulated(self, cell: str) -> MachineProfile:
+        """The same profile, of a simulated cell. cell : tells it from every other one"""
+        profile = self.model_copy()
+        profile._simulated_cell = cell
+        return profile
 
     def with_measured_values(
         self, hoppers: tuple[HopperSettings, ...], dilution: tuple[DilutionSettings, ...],

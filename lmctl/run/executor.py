@@ -318,7 +318,7 @@ class RunExecutor:
             layer_stop_due=lambda: machine.post_event(RunEvent.HOLD),
             resume_due=lambda: request_event(machine, RunEvent.RESUME),
             height_asked=self._height_asked.set, progress=view.on_progress,
-            whereabouts=LastKnownPosition(self._runs_dir, self._profile.name), run=made.run,
+            whereabouts=LastKnownPosition(self._runs_dir, self._profile), run=made.run,
             continues=self._continues, heights=heights,
         )
         if self._notice is not None:

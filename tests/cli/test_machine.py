@@ -27,7 +27,7 @@ def _free_port() -> int:
 
 
 def acts(folder: Path) -> list[dict[str, object]]:
-    path = folder / "runs/machine-bench-cell.jsonl"
+    (path,) = (folder / "runs").glob("machine-bench-cell*.jsonl")
     assert verify_journal(path).intact
     return [record for record in read_records(path) if record["kind"] in ("act", "ended")]
 
@@ -244,7 +244,7 @@ def test_the_machines_journal_may_end_half_written_but_not_be_altered(
 ) -> None:
     for _ in range(2):
         assert lmctl("machine", "jog", "X5", "--sim").code == 0
-    path = tmp_path / "runs/machine-bench-cell.jsonl"
+    path = tmp_path / "runs/machine-bench-cell-simulated.jsonl"
     with path.open("ab") as file:
         file.write(b'{"prev":"half')
     assert lmctl("machine", "jog", "X5", "--sim").code == 0
@@ -252,7 +252,7 @@ def test_the_machines_journal_may_end_half_written_but_not_be_altered(
     text = path.read_text()
     path.write_text(text.replace('"X":5.0', '"X":6.0', 1))
     assert "was damaged or altered" in refused("machine", "jog", "X5", "--sim", code=1)
-    assert json.loads(text.splitlines()[0])["machine"] == "bench cell"
+    assert json.loads(text.splitlines()[0])["machine"] == "bench cell simulated"
 
 
 def test_behind_a_watchdog_relay_axes_can_be_moved_and_doctor_says_why_it_sees_little(lmctl):

@@ -46,7 +46,7 @@ def test_a_feeder_test_writes_what_it_found_and_journals_it(measured: Path) -> N
     assert hopper.slope.half_width < 0.02
     assert hopper.conditions.by == "Ada"
     assert (measured / "feeder-test-A.png").stat().st_size > 10_000
-    (record,) = [r for r in read_records(measured / "runs/machine-bench-cell.jsonl")
+    (record,) = [r for r in read_records(measured / "runs/machine-bench-cell-simulated.jsonl")
                  if r["kind"] == "measured"]
     assert (record["hopper"], record["digest"]) == ("A", found.digest)
 

@@ -18,12 +18,15 @@ from simulators.faults.link_tap import LinkTap, drop_chunk
 
 async def run_disturbed(
     bench: Bench, cell: MachineProfile, folder: Path, runs: Path, continues: EarlierRun | None,
-    what: str, at_s: float, *, first: bool,
+    what: str, at_s: float, *, in_motion: bool,
 ) -> Path:
-    """A run to which something happens; returns the folder of runs as that leaves it."""
+    """A run to which something happens; returns the folder of runs as that leaves it.
+
+    at_s : when, from the start of the run, or, in_motion, from that of its motion
+    """
     executor = RunExecutor(folder / "job.lmj", cell, runs, continues=continues)
     task = asyncio.create_task(executor.run())
-    while first and executor.state is not RunState.DEPOSITING and not task.done():  # noqa: ASYNC110
+    while in_motion and executor.state is not RunState.DEPOSITING and not task.done():  # noqa: ASYNC110
         await asyncio.sleep(0.01)
     await asyncio.wait([task], timeout=at_s)
     if task.done():

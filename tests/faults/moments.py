@@ -65,21 +65,30 @@ layer_height_mm = 0.8
 #: From the start of motion to the end of the part [s]; a later run is disturbed after its start.
 _FIRST_S, _LATER_S = (0.0, 27.0), (0.0, 40.0)
 
+#: One part in four is disturbed before its first bead [s after the start of its run].
+_BEFORE_BEAD_S = (0.0, 12.0)
+
 
 @dataclass(frozen=True)
 class Scenario:
-    """What one seed means. moments : (what happens, seconds after the start) of each disturbance"""
+    """What one seed means.
+
+    moments : (what happens, seconds after the start) of each disturbance
+    is_before_bead : whether the first one counts from the start of its run, not of its motion
+    """
 
     seed: int
     dialect: str
     has_laser_enable: bool
     has_homing: bool
     moments: tuple[tuple[str, float], ...]
+    is_before_bead: bool = False
 
     def __str__(self) -> str:
         cell = ", ".join(filter(None, (
             self.dialect, self.has_homing and "homing", self.has_laser_enable and "laser-enable")))
-        return f"{self.seed} ({cell}): " + ", then ".join(
+        start = "from the start of the run: " if self.is_before_bead else ""
+        return f"{self.seed} ({cell}): {start}" + ", then ".join(
             f"{what} at {at_s:.2f} s" for what, at_s in self.moments)
 
 
@@ -87,11 +96,14 @@ def scenario(seed: int) -> Scenario:
     rng = random.Random(seed)
     n = 1 if rng.random() < 0.7 else 2
     dialect, has_laser_enable = rng.choice(("grbl", "grblhal")), rng.random() < 0.5
+    is_before_bead = seed % 4 == 3
+    first_s = _BEFORE_BEAD_S if is_before_bead else _FIRST_S
     moments = tuple(
-        (rng.choice(DISTURBANCES), rng.uniform(*(_FIRST_S if i == 0 else _LATER_S)))
+        (rng.choice(DISTURBANCES), rng.uniform(*(first_s if i == 0 else _LATER_S)))
         for i in range(n)
     )
-    return Scenario(seed, dialect, has_laser_enable, rng.random() < 0.25, moments)
+    return Scenario(
+        seed, dialect, has_laser_enable, rng.random() < 0.25, moments, is_before_bead)
 
 
 @dataclass
@@ -184,13 +196,17 @@ async def _runs(
     runs, continues = folder / "runs", None
     for number, (what, at_s) in enumerate(one.moments):
         runs = await run_disturbed(
-            bench, cell, folder, runs, continues, what, at_s, first=number == 0)
+            bench, cell, folder, runs, continues, what, at_s,
+            in_motion=number == 0 and not one.is_before_bead)
         made = _last_run(runs)
         if made is None:
             break
         if _is_done(made):
             return
-        continues = await operator.recover(made, runs, harmless=what in ("stop", "hold"))
+        is_harmless = what in ("stop", "hold")
+        continues = await operator.recover(made, runs, harmless=is_harmless)
+        if continues is None:
+            await operator.make_ready(runs, harmless=is_harmless)
     await RunExecutor(folder / "job.lmj", cell, runs, continues=continues).run()
 
 

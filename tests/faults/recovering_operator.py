@@ -13,7 +13,9 @@ from lmctl.job.reader import JobReader
 from lmctl.machine.manual.controller import open_motion_controller
 from lmctl.machine.manual.homing import home_axes, set_work_offset, unlock_controller
 from lmctl.machine.motion.driver import MotionDriver
+from lmctl.machine.motion.identity import is_homing_enabled
 from lmctl.run.journal.earlier_run import EarlierRun
+from lmctl.run.journal.last_known_position import LastKnownPosition
 from lmctl.run.journal.replay import replay_run
 from lmctl.run.journal.run_folders import RunFolder
 from lmctl.run.program.place import PlaceReached
@@ -56,28 +58,26 @@ class RecoveringOperator:
 
     async def recover(self, made: RunFolder, runs: Path, *, harmless: bool) -> EarlierRun | None:
         """What `lmctl recover` goes on with; None where nothing of the part has been begun."""
-        restored = False
         try:
             after = replay_run(made)
         except JournalError as error:
             if "before it began" in error.what:
                 return None
             raise self._left(error) from error
+        touched_off = False
         while True:
             try:
                 continuation = await prepare(
-                    after, self._cell, runs, [], yes=True, restored=restored, stated_mm=None,
+                    after, self._cell, runs, [], yes=True, restored=False, stated_mm=None,
                     ask=self._look)
                 break
             except JournalError as error:
                 raise self._left(error) from error
             except MachineError as error:
-                if restored or "has lost its place" not in error.what:
+                if touched_off or "has lost its place" not in error.what:
                     raise
-                self.times_touched_off += 1
-                self.needless_touch_offs += harmless
-                await self._touch_off()
-                restored = True
+                await self._touch_off(runs, harmless=harmless)
+                touched_off = True
         return continuation
 
     @staticmethod
@@ -89,11 +89,29 @@ class RecoveringOperator:
         part = measured(self._bench, self._job, [], self.zero_mm)
         return round(part.deposited_mm(job, reached.place, reached.until), 1)
 
-    async def _touch_off(self) -> None:
-        """Say where the machine really is: the work offset makes up for the place it has lost."""
+    async def make_ready(self, runs: Path, *, harmless: bool) -> None:
+        """Before a run that begins the part: home or touch off, where the doctor asks for it."""
         await asyncio.sleep(1.0)
         async with open_motion_controller(self._cell) as motion:
-            trace = self._bench.motion.trace
-            believed, shift = self._bench.motion.position_mm, trace.position_error_mm
-            true_mm = {axis: at + by for axis, at, by in zip("XYZ", believed, shift, strict=True)}
+            LastKnownPosition(runs, self._cell).judge_position(motion)
+            known, homes = motion.position_trusted, is_homing_enabled(motion.settings)
+        if not known and homes:
+            await self.home(runs)
+        elif not known:
+            await self._touch_off(runs, harmless=harmless)
+
+    async def _touch_off(self, runs: Path, *, harmless: bool) -> None:
+        """Say where the machine really is: the work offset makes up for the place it has lost."""
+        self.times_touched_off += 1
+        self.needless_touch_offs += harmless
+        await asyncio.sleep(1.0)
+        trace = self._bench.motion.trace
+        believed, shift = self._bench.motion.position_mm, trace.position_error_mm
+        true_mm = {axis: at + by for axis, at, by in zip("XYZ", believed, shift, strict=True)}
+
+        async def act(motion: MotionDriver) -> None:
+            await unlock_controller(motion)
             await set_work_offset(motion, true_mm, here=True)
+
+        await run_journaled(self._cell, runs, {"do": "offset", "axes": true_mm, "here": True},
+                            lambda whereabouts: run_with_motion(self._cell, whereabouts, act))

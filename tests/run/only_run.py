@@ -14,7 +14,7 @@ def journal_of_only_run(runs_dir: Path, error: LmctlError | None) -> Path:
     error : what the run ended with, if anything
     Raises AssertionError with that error where the run was refused before it had a folder.
     """
-    runs = sorted(runs_dir.iterdir()) if runs_dir.is_dir() else []
+    runs = sorted(runs_dir.glob("run-*"))
     if len(runs) != 1:
         why = "no error was raised" if error is None else error.render()
         raise AssertionError(f"{len(runs)} runs in {runs_dir} instead of one: {why}") from error

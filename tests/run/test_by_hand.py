@@ -4,18 +4,22 @@ from __future__ import annotations
 
 import errno
 import os
+from importlib.resources import files
 
 import pytest
 
+from lmctl.config.machine import load_profile
 from lmctl.errors import JournalError
 from lmctl.run.journal.format import read_records, verify_journal
 from lmctl.run.journal.manual_journal import MachineJournal
+
+PROFILE = load_profile(files("lmctl.examples") / "cell.toml")
 
 
 def test_a_record_that_the_disk_takes_in_pieces_is_written_whole(tmp_path, monkeypatch):
     write = os.write
     monkeypatch.setattr("os.write", lambda fd, data: write(fd, data[:50]))
-    journal = MachineJournal(tmp_path, "cell")
+    journal = MachineJournal(tmp_path, PROFILE)
     journal.append("act", do="home")
     journal.append("ended", do="home")
     found = verify_journal(journal.path)
@@ -24,7 +28,7 @@ def test_a_record_that_the_disk_takes_in_pieces_is_written_whole(tmp_path, monke
 
 
 def test_a_full_disk_is_said_before_anything_is_done(tmp_path, monkeypatch):
-    journal = MachineJournal(tmp_path, "cell")
+    journal = MachineJournal(tmp_path, PROFILE)
     journal.append("act", do="home")
     write, room = os.write, [70]
 

@@ -85,7 +85,8 @@ async def clear_work_offsets(motion: MotionDriver) -> tuple[float, ...]:
 async def unlock_controller(motion: MotionDriver) -> None:
     """Take the controller out of its alarm, after a reset where the alarm asks for one.
 
-    Raises MachineError where its cause remains.
+    Without homing its position is trusted again, where nothing known speaks against that.
+    Raises MachineError where the alarm's cause remains.
     """
     if motion.status is None or motion.status.state != "Alarm":
         return
@@ -98,6 +99,8 @@ async def unlock_controller(motion: MotionDriver) -> None:
     if report.state == "Alarm":
         raise MachineError("the controller stays in alarm", hint="its cause remains: see "
                            "`lmctl machine doctor`")
+    if not is_homing_enabled(motion.settings) and not motion.position_doubt:
+        motion.trust_position()
 
 
 async def wait_for_report(motion: MotionDriver) -> StatusReport:

@@ -34,6 +34,7 @@ class MotionReading:
     identity, settings, parser_state, offsets : None or empty where it does not answer in its state;
         parser_state and offsets are the lines of `$G` and `$#`
     is_position_trusted : whether reported positions are those of the machine
+    position_doubt : why they are not, where that is known; else ""
     is_homed : whether it reports its axes homed; None where it does not (Grbl never does)
     damaged_message_count : messages that made no sense on the way
     is_taken_over : whether this host has taken it over, as a run does: it has been brought to rest
@@ -48,6 +49,7 @@ class MotionReading:
     is_homed: bool | None
     damaged_message_count: int
     is_taken_over: bool = False
+    position_doubt: str = ""
 
     @property
     def offset_mm(self) -> tuple[float, ...] | None:
@@ -108,6 +110,7 @@ async def read_motion(motion: MotionDriver) -> MotionReading:
         report, motion.identity, motion.settings,
         await _lines_of_driver(motion, "$G"), await _lines_of_driver(motion, "$#"),
         motion.position_trusted, None, motion.damaged_message_count, is_taken_over=True,
+        position_doubt=motion.position_doubt,
     )
 
 

@@ -34,6 +34,7 @@ class MotionDriver:
     offset_mm : work offset as last reported, or None (work = machine - offset)
     position_mm : as last reported, in program (work) coordinates, or None
     position_trusted : whether reported positions are those of the machine
+    position_doubt : why they are not, where the caller has found that out; else ""
     restarted : whether the controller has restarted unasked since its port was opened, or by that
     """
 
@@ -44,6 +45,7 @@ class MotionDriver:
         self.offset_mm: tuple[float, ...] | None = None
         self.position_mm: tuple[float, ...] | None = None
         self.position_trusted = False
+        self.position_doubt = ""
         self.restarted = False
         self._connection = GrblConnection(
             endpoint,
@@ -199,7 +201,11 @@ class MotionDriver:
 
     def trust_position(self) -> None:
         """The caller confirms that reported positions are those of the machine."""
-        self.position_trusted = True
+        self.position_trusted, self.position_doubt = True, ""
+
+    def distrust_position(self, why: str) -> None:
+        """The caller has found that reported positions are not those of the machine."""
+        self.position_trusted, self.position_doubt = False, why
 
     def send_realtime(self, byte: RealtimeCommand) -> None:
         """Send one real-time byte at once, before every line not yet on the wire."""

@@ -37,7 +37,7 @@ async def accept_machine(
     Raises MachineError, JobError.
     """
     motion, identity = cell.motion, cell.motion.identity
-    whereabouts.trust_if_unmoved(motion)
+    whereabouts.judge_position(motion)
     # Beam on only where door and emergency stop are monitored, or on a bench, which has no beam.
     beam_off = not (identity.is_bench or can_read_door_and_estop(profile))
     recorder.record_machine(
@@ -59,7 +59,7 @@ async def accept_machine(
         **_safety_conditions(cell, profile),
     })
     cell.offset_mm = reading.offset_mm or ()
-    whereabouts.record_run_start(motion, run)
+    whereabouts.record_run_start(motion, run, profile.motion)
     if beam_off:
         await _read_through(job)
     return beam_off

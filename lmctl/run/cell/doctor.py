@@ -59,9 +59,8 @@ async def inspect_cell(
     if search:
         motion = await _motion_searched(motion, profile)
     if isinstance(motion, MotionReading):
-        left = LastKnownPosition(runs_dir, profile.name)
-        is_trusted = motion.is_position_trusted or left.would_trust_position(motion)
-        motion = replace(motion, is_position_trusted=is_trusted)
+        is_trusted, doubt = LastKnownPosition(runs_dir, profile).judged(motion)
+        motion = replace(motion, is_position_trusted=is_trusted, position_doubt=doubt)
     return CellInspection(motion, dict(zip(names, feeders, strict=True)), safety)
 
 

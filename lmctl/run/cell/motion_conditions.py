@@ -14,12 +14,17 @@ from firmware_protocol.codes import alarm_meaning
 from firmware_protocol.status import StatusReport
 from lmctl.config.machine import MachineProfile
 from lmctl.machine.manual.inspect_motion import MotionReading
+from lmctl.machine.motion.identity import is_homing_enabled
 from lmctl.run.cell.condition import StartCondition
 from lmctl.run.cell.setting_conditions import setting_conditions
 from lmctl.run.cell.work_offset import work_offset_conditions
 
 #: States in which a run waits a moment for the machine to stop, and then is refused.
 _MOVING = ("Run", "Jog", "Home")
+
+#: How a position is given back to a controller without homing.
+TOUCH_OFF = ("touch off: bring the nozzle to a known point of the part with `lmctl machine jog "
+             "--relative`, and say where that is with `lmctl machine offset --here X.. Y.. Z..`")
 
 _FIND_OUT = "find the reason, then `lmctl machine home` or `lmctl machine unlock`"
 
@@ -48,10 +53,7 @@ def motion_conditions(reading: MotionReading, profile: MachineProfile) -> Iterat
                          "check cable, shielding and baud rate")
     yield _state(reading)
     if reading.report.state == "Idle":
-        trusted = reading.is_position_trusted
-        yield StartCondition(trusted, "position is known" if trusted else
-                             "the machine has not been homed: its position is unknown",
-                             "`lmctl machine home`", refuses_run=True)
+        yield _position_known(reading)
     if not reading.settings:
         yield StartCondition(False, "it does not report its settings",
                              "clear its alarm, then try again",
@@ -59,6 +61,17 @@ def motion_conditions(reading: MotionReading, profile: MachineProfile) -> Iterat
         return
     yield from setting_conditions(identity, reading.settings, reading.offset_mm, profile)
     yield from work_offset_conditions(reading.parser_state, reading.offsets)
+
+
+def _position_known(reading: MotionReading) -> StartCondition:
+    if reading.is_position_trusted:
+        return StartCondition(True, "position is known", "", refuses_run=True)
+    if is_homing_enabled(reading.settings):
+        return StartCondition(False, "the machine has not been homed: its position is unknown",
+                              "`lmctl machine home`", refuses_run=True)
+    doubt = f": {reading.position_doubt}" if reading.position_doubt else ""
+    return StartCondition(False, f"the controller has lost its place{doubt}", TOUCH_OFF,
+                          refuses_run=True)
 
 
 def _unreadable_state(report: StatusReport, profile: MachineProfile) -> StartCondition:

@@ -15,6 +15,7 @@ import numpy as np
 from lmctl.array_types import FloatArray
 from lmctl.config.machine import MotionSettings
 from lmctl.job.reader import JobReader
+from lmctl.run.journal.position_history import way_to_purge_mm
 from lmctl.run.journal.replay import RunReplay
 from lmctl.run.program.job_lines import rows_between
 from lmctl.run.program.place import ProgramPlace
@@ -86,17 +87,14 @@ def _hits(job: JobReader, first: int, last: int, at_mm: FloatArray) -> list[Prog
 def _before_the_job(job: JobReader, after: RunReplay, motion: MotionSettings) -> list[FloatArray]:
     """The moves it was sent that deposit nothing, as polylines: from its position to the purge
     position, and from there to the path."""
-    purge = np.array(motion.purge_mm, dtype=np.float64)
-    high = np.array([*purge[:2], motion.travel_mm.z[1]])
+    high = np.array([*motion.purge_mm[:2], motion.travel_mm.z[1]])
     lines: list[FloatArray] = []
     if after.standstill_mm is not None:
         lines.append(np.array([after.standstill_mm[:3]] * 2, dtype=np.float64))
     if after.to_purge:
-        lines.append(np.array([high, purge]))
+        lines.append(np.array([high, motion.purge_mm]))
         if after.standstill_mm is not None:
-            at = np.array(after.standstill_mm[:3], dtype=np.float64)
-            height = min(max(purge[2], at[2] + motion.clearance_mm), motion.travel_mm.z[1])
-            lines.append(np.array([at, [*at[:2], height], [*purge[:2], height]]))
+            lines.append(way_to_purge_mm(after.standstill_mm, motion))
     if after.moving and after.entered_at is not None:
         entry = plan_reentry(job.manifest, job.read_layer, after.entered_at, motion)
         if entry is not None:

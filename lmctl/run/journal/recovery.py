@@ -48,6 +48,9 @@ class MachineSeen:
     at_zero : whether its machine coordinates are 0, 0, 0
     restarted : whether it has sent its welcome message unasked
     homed : whether its homing, or the record of it, proves its position
+    doubt : why its position is not to be believed, by homing and by where the last command left
+        it, in words; "" where nothing speaks against it
+    recorded_loss : the same, only where a command has seen the position get lost
     uptimes_s : for how long the other devices of the cell have run, by name
     """
 
@@ -55,6 +58,8 @@ class MachineSeen:
     at_zero: bool
     restarted: bool
     homed: bool
+    doubt: str
+    recorded_loss: str
     dialect: Dialect
     uptimes_s: dict[str, float]
 
@@ -82,7 +87,7 @@ def find_recovery_place(
     controller has restarted. Else all lines sent may have been executed, and the operator is asked.
     """
     if not after.has_begun:
-        return RecoveryPlace(NOTHING_REACHED, "nothing of the part had been begun", "")
+        return RecoveryPlace(NOTHING_REACHED, "nothing of the part had been begun", seen.doubt)
     proof = PositionProof(False, ())
     if seen.position_mm is not None:
         proof = position_proof(job, after, profile.motion, seen.position_mm)
@@ -143,6 +148,8 @@ def _why_lost(after: RunReplay, seen: MachineSeen, proof: PositionProof) -> str:
         return "it says 0, 0, 0, as every controller does that was switched off and on"
     if not after.is_position_kept:
         return f"{after.run.run} ended with its position lost"
+    if seen.recorded_loss:
+        return seen.recorded_loss
     if not proof.is_explained:
         return (f"it says {_point(seen.position_mm)}, where nothing that {after.run.run} sent has "
                 "brought it")

@@ -12,8 +12,8 @@ from lmctl.run.journal.run_folders import RunFolder
 
 def seen(position_mm, **more):
     """A controller without homing, that says a place and has not restarted."""
-    known = {"at_zero": False, "restarted": False, "homed": False, "dialect": GRBLHAL,
-             "uptimes_s": {}}
+    known = {"at_zero": False, "restarted": False, "homed": False, "doubt": "", "recorded_loss": "",
+             "dialect": GRBLHAL, "uptimes_s": {}}
     at = None if position_mm is None else tuple(position_mm)
     return MachineSeen(at, **{**known, **more})
 

@@ -43,7 +43,7 @@ def on_grbl(tmp_path, profile, square_job, bench_text):
                 })
 
                 async def with_motion(act, journaled=True):
-                    whereabouts = LastKnownPosition(runs, wired.name)
+                    whereabouts = LastKnownPosition(runs, wired)
                     motion = await MotionDriver.open(
                         wired.motion.endpoint, baud=115_200, status_period_s=0.1)
                     try:
