@@ -35,7 +35,7 @@ def test_what_doctor_advises_can_be_typed_until_all_is_well(lmctl, active, tmp_p
         assert done.code == 0, done.talk
         assert "written, and read back" in done.data
     assert doctor.code == 0, doctor.data
-    acts = [record for record in read_records(tmp_path / "runs/machine-bench-cell-simulated.jsonl")
+    acts = [record for record in read_records(tmp_path / "runs/machine-bench-cell.jsonl")
             if record["kind"] == "act"]
     assert len(acts) == 5
     assert acts[0]["do"] == "settings"

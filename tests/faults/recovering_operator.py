@@ -95,6 +95,7 @@ class RecoveringOperator:
         async with open_motion_controller(self._cell) as motion:
             LastKnownPosition(runs, self._cell).judge_position(motion)
             known, homes = motion.position_trusted, is_homing_enabled(motion.settings)
+        await asyncio.sleep(1.0)
         if not known and homes:
             await self.home(runs)
         elif not known:
