@@ -45,6 +45,7 @@ class DeviceMap:
     rows, hopper_rows : registers of the device, and those that each hopper has
     hoppers : how many it has
     input_base, holding_base : what its manual calls the register at wire address 0
+    coil_base, discrete_base : what it calls the coil, and the discrete input, at wire address 0
     word_order : of its 32-bit values
     function_codes : those it carries out
     max_registers : most registers that it moves in one request
@@ -62,6 +63,8 @@ class DeviceMap:
     hoppers: int = 1
     input_base: int = 0
     holding_base: int = 0
+    coil_base: int = 0
+    discrete_base: int = 0
     word_order: WordOrder = WordOrder.ABCD
     function_codes: tuple[int, ...] = (3, 4, 16, 23)
     max_registers: int = MAX_READ_REGISTERS
@@ -100,7 +103,8 @@ class DeviceMap:
         return RegisterMap(
             [row for place, row in self.placed_rows() if place == unit],
             word_order=self.word_order, input_base=self.input_base,
-            holding_base=self.holding_base)
+            holding_base=self.holding_base, coil_base=self.coil_base,
+            discrete_base=self.discrete_base)
 
 
 def row_name(name: str, channel: int | None) -> str:

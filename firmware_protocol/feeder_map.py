@@ -99,7 +99,7 @@ class MappedQuantity:
 class MappedCondition:
     """Whether something is so, by a bit or by the code that a register holds.
 
-    mask : bits of which one must be set; 0: `codes` decides
+    mask : 1 for a coil or a discrete input; else bits of which one must be set; 0: `codes` decides
     codes : values for which it is so
     inverted : it is so where the bit is 0, or the code none of these
     of_all : of a register that each hopper has: in all hoppers, not in any
@@ -125,7 +125,7 @@ class MappedAction:
     """One write that a command takes: a bit of a register, or a value for on and one for off.
 
     mask : bits that are 1 while the command is on; 0: `on` and `off` are written
-    off : None: nothing is written to end it, as of a reset
+    off : None: nothing is written to end it, as of a reset. A reset with both is a pulse
     """
 
     register: str

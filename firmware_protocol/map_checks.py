@@ -21,7 +21,12 @@ from firmware_protocol.registers import (
     RegisterType,
 )
 
-_INPUT_CODE, _READ_CODE, _WRITE_CODE = 4, 3, 16
+_READ_CODE, _WRITE_CODE = 3, 16
+#: Function codes by which each space is read, and in words; and the one that writes coils.
+_READ_CODES = {
+    RegisterSpace.INPUT: (4, "an input register"), RegisterSpace.HOLDING: (3, "a holding register"),
+    RegisterSpace.COIL: (1, "a coil"), RegisterSpace.DISCRETE: (2, "a discrete input")}
+_WRITE_COIL_CODE = 15
 
 
 def find_register_contradictions(device: DeviceMap) -> Iterator[str]:
@@ -40,13 +45,24 @@ def find_register_contradictions(device: DeviceMap) -> Iterator[str]:
 
 
 def _row_contradictions(row: Register, device: DeviceMap) -> Iterator[str]:
-    if row.space is RegisterSpace.INPUT:
-        if row.writable:
-            yield "an input register cannot be written"
-        if _INPUT_CODE not in device.function_codes:
-            yield ("it is an input register, and function_codes lacks 4: put it into holding "
-                   "registers, or add 4")
-    base = device.input_base if row.space is RegisterSpace.INPUT else device.holding_base
+    code, what = _READ_CODES[row.space]
+    if row.space is not RegisterSpace.HOLDING and code not in device.function_codes:
+        other = "put it into holding registers, or " if row.space is RegisterSpace.INPUT else ""
+        yield f"it is {what}, and function_codes lacks {code}: {other}add {code}"
+    if row.writable and row.space in (RegisterSpace.INPUT, RegisterSpace.DISCRETE):
+        yield f"{what} cannot be written"
+    if row.writable and row.space is RegisterSpace.COIL and (
+        _WRITE_COIL_CODE not in device.function_codes
+    ):
+        yield f"it is a coil to write, and function_codes lacks {_WRITE_COIL_CODE}"
+    if row.space.has_bits is not (row.type is RegisterType.BIT):
+        yield (f"{what} is of type bit, not {row.type.name.lower()}" if row.space.has_bits else
+               'type bit is for space = "coil" and "discrete"; bits in a register are of type bits')
+    if row.space.has_bits:
+        yield from _bit_contradictions(row, what)
+    base = {RegisterSpace.INPUT: device.input_base, RegisterSpace.HOLDING: device.holding_base,
+            RegisterSpace.COIL: device.coil_base,
+            RegisterSpace.DISCRETE: device.discrete_base}[row.space]
     first = row.address - base
     if first < 0 or first + row.word_count > 0x1_0000:
         yield (f"address {row.address} is wire address {first} with base {base}, "
@@ -60,7 +76,7 @@ def _row_contradictions(row: Register, device: DeviceMap) -> Iterator[str]:
     ):
         yield f"a value of type {row.type.name.lower()} has no counts_per_unit"
         return
-    if row.type in (RegisterType.ASCII, RegisterType.F32):
+    if row.type in (RegisterType.ASCII, RegisterType.F32) or row.space.has_bits:
         return
     low, high = row.type.least, row.type.greatest
     for limit, value in (("minimum", row.minimum), ("maximum", row.maximum)):
@@ -68,6 +84,16 @@ def _row_contradictions(row: Register, device: DeviceMap) -> Iterator[str]:
             yield (f"{limit} {value:g} {row.unit}".rstrip() + f" takes "
                    f"{value * row.counts_per_unit:g} counts at {row.counts_per_unit:g} counts per "
                    f"unit, and {row.type.name.lower()} holds {low} to {high}")
+
+
+def _bit_contradictions(row: Register, what: str) -> Iterator[str]:
+    """Keys of numbers, which a single bit has none of."""
+    given = {
+        "counts_per_unit": row.counts_per_unit != 1, "unit": bool(row.unit),
+        "minimum": row.minimum is not None, "maximum": row.maximum is not None,
+        "may_be_unavailable": row.may_be_unavailable, "length": bool(row.length)}
+    for key in (key for key, is_given in given.items() if is_given):
+        yield f"{what} is one bit: it has no {key}"
 
 
 def _overlaps(device: DeviceMap) -> Iterator[str]:
@@ -78,7 +104,8 @@ def _overlaps(device: DeviceMap) -> Iterator[str]:
             other = taken.setdefault((unit, row.space, address), row.name)
             if other != row.name and (other, row.name) not in found:
                 found.add((other, row.name))
-                yield (f"register {row.name!r}: overlaps {other!r} at {row.space.value} register "
+                register = "" if row.space.has_bits else " register"
+                yield (f"register {row.name!r}: overlaps {other!r} at {row.space.value}{register} "
                        f"{address}")
 
 
@@ -105,6 +132,18 @@ def find_feeder_contradictions(device: DeviceMap, feeder: FeederMap) -> Iterator
     ):
         if row_name is not None and not _row(device, row_name).writable:
             yield f"{key}: register {row_name!r} is not writable"
+    for key, row_name in (
+        ("recipe.commit", feeder.commit), ("recipe.applied", feeder.applied),
+        ("watchdog.timeout", feeder.watchdog_timeout),
+    ):
+        if row_name is not None and _row(device, row_name).space.has_bits:
+            yield f"{key}: register {row_name!r} is one bit, and a number is needed"
+    if device.identity is not None and _row(device, device.identity.register).space.has_bits:
+        yield f"identity.register: {device.identity.register!r} is one bit, and tells no device"
+    for key, meanings in (("bits", device.bits), ("codes", device.codes)):
+        for name in meanings:
+            if _row(device, name).space.has_bits:
+                yield f"{key}.{name}: it is one bit already, and has no {key} to name"
     if feeder.commit is not None and feeder.applied is None:
         yield ("recipe.applied: is missing: the register that shows which recipe runs belongs to "
                "commit")
@@ -164,8 +203,9 @@ def _unwritable_value(device: DeviceMap, name: str, value: float) -> str:
     """Why a register cannot hold a value; "" where it can."""
     row = _row(device, name)
     try:
-        RegisterMap([row], input_base=device.input_base,
-                    holding_base=device.holding_base).encode(name, value)
+        RegisterMap([row], input_base=device.input_base, holding_base=device.holding_base,
+                    coil_base=device.coil_base, discrete_base=device.discrete_base
+                    ).encode(name, value)
     except RegisterError as error:
         return str(error)
     return ""
@@ -183,6 +223,9 @@ def describe_map(device: DeviceMap) -> str:
     """A map in a line of words."""
     n_rows = len(device.rows) + len(device.hopper_rows)
     words = [f"{n_rows} registers"]
+    rows = [*device.rows, *(one.register for one in device.hopper_rows)]
+    if n_bits := sum(row.space.has_bits for row in rows):
+        words = [f"{n_rows - n_bits} registers, {n_bits} coils and discrete inputs"]
     if device.feeder is not None:
         known = sum(name in device.feeder.hopper_quantities for name in HOPPER_QUANTITIES)
         words += [f"{device.hoppers} hoppers", f"{known} quantities of each"]

@@ -26,7 +26,8 @@ from firmware_protocol.table_reader import TableReader
 SHIPPED_MAPS = ("pmx", "sio")
 DEVICES = ("feeder", "safety")
 MAX_BYTES = 1_000_000
-_FUNCTION_CODES = (3, 4, 16, 23)
+_FUNCTION_CODES = (1, 2, 3, 4, 15, 16, 23)
+_USUAL_CODES = (3, 4, 16, 23)
 _MAX_HOPPERS = 4
 
 _SPACES = {space.value: space for space in RegisterSpace}
@@ -80,15 +81,18 @@ def _device_map(top: TableReader) -> DeviceMap:
     hoppers = top.integer("hoppers", 1, least=1, most=_MAX_HOPPERS)
     input_base = top.integer("input_base", 0, least=0, most=65_536)
     holding_base = top.integer("holding_base", 0, least=0, most=65_536)
+    coil_base = top.integer("coil_base", 0, least=0, most=65_536)
+    discrete_base = top.integer("discrete_base", 0, least=0, most=65_536)
     word_order = WordOrder(top.choice("word_order", [one.value for one in WordOrder], "ABCD"))
-    codes = top.integers("function_codes", _FUNCTION_CODES, least=3, most=23)
+    codes = top.integers("function_codes", _USUAL_CODES, least=1, most=23)
     max_registers = top.integer(
         "max_registers", MAX_READ_REGISTERS, least=1, most=MAX_READ_REGISTERS)
     hopper_unit = top.integer("hopper_unit", least=1, most=247 - _MAX_HOPPERS + 1) if (
         top.has_key("hopper_unit")) else None
     for code in codes:
         if code not in _FUNCTION_CODES:
-            top.report_mistake("function_codes", f"{code} is not used here; 3, 4, 16 and 23 are")
+            top.report_mistake("function_codes", f"{code} is not used here; "
+                               f"{', '.join(map(str, _FUNCTION_CODES))} are")
     rows = [_register(table) for table in top.tables("register")]
     hopper_rows = [_hopper_row(table, hopper_unit) for table in top.tables("hopper_register")]
     if not rows and not hopper_rows:
@@ -99,7 +103,8 @@ def _device_map(top: TableReader) -> DeviceMap:
     identity = _identity(top, names) if top.has_key("identity") else None
     found = DeviceMap(
         name, device, tuple(rows), tuple(hopper_rows), description, hoppers, input_base,
-        holding_base, word_order, codes, max_registers, hopper_unit, bits, meanings, identity)
+        holding_base, coil_base, discrete_base, word_order, codes, max_registers, hopper_unit, bits,
+        meanings, identity)
     read_whole = len(top.mistakes) == known
     for mistake in find_register_contradictions(found) if read_whole else ():
         top.report_mistake("", mistake)
@@ -117,7 +122,7 @@ def _register(table: TableReader, *, has_own_unit: bool = False) -> Register:
     name = table.text("name")
     space = table.choice("space", _SPACES, "holding")
     address = table.integer("address", least=0, most=131_071)
-    kind = table.choice("type", _TYPES, "u16")
+    kind = table.choice("type", _TYPES, "bit" if _SPACES[space].has_bits else "u16")
     scale = table.number("counts_per_unit", 1.0, above=0)
     length = table.integer("length", 0, least=0, most=MAX_READ_REGISTERS)
     row = Register(

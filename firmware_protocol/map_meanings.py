@@ -103,7 +103,9 @@ class _Rows:
     def mask(self, table: TableReader, row: Register) -> int:
         """The bits named by the key `bit`."""
         bits = self.numbers(table, "bit", row.name, self.device.bits, 15)
-        if row.word_count != 1 or row.type is RegisterType.F32:
+        if row.type is RegisterType.BIT:
+            table.report_mistake("bit", f"register {row.name!r} is one bit already: leave it out")
+        elif row.word_count != 1 or row.type is RegisterType.F32:
             table.report_mistake("bit", f"register {row.name!r} is no word of bits")
         return sum(1 << bit for bit in set(bits))
 
@@ -140,7 +142,7 @@ def _quantity(table: TableReader, key: str, unit: str, rows: _Rows) -> MappedQua
     row = rows.named(table, key, name)
     if row is None:
         return None
-    if row.type in (RegisterType.ASCII, RegisterType.BITS):
+    if row.type in (RegisterType.ASCII, RegisterType.BITS, RegisterType.BIT):
         table.report_mistake(key, f"register {name!r} holds no number")
     factor = 1.0
     if full_scale is not None:
@@ -177,7 +179,8 @@ def _conditions(
 
 
 def _condition(table: TableReader, rows: _Rows) -> MappedCondition | None:
-    """`register` with `bit` or `is`; `inverted`; `of` for registers of hoppers."""
+    """`register` with `bit` or `is`, alone for a coil or a discrete input; `inverted`; `of` for
+    registers of hoppers."""
     name = table.text("register")
     row = rows.named(table, "register", name)
     inverted = table.boolean("inverted", False)
@@ -188,7 +191,9 @@ def _condition(table: TableReader, rows: _Rows) -> MappedCondition | None:
         return None
     mask = 0
     codes: tuple[int, ...] = ()
-    if table.has_key("bit") is table.has_key("is"):
+    if row.type is RegisterType.BIT and not table.has_key("bit") and not table.has_key("is"):
+        mask = 1
+    elif table.has_key("bit") is table.has_key("is"):
         table.report_mistake("", "needs either `bit` or `is`")
     elif table.has_key("bit"):
         mask = rows.mask(table, row)
@@ -211,22 +216,25 @@ def _commands(table: TableReader, rows: _Rows) -> dict[str, tuple[MappedAction, 
 
 
 def _action(table: TableReader, rows: _Rows) -> MappedAction | None:
-    """`register` with `bit`, with `on` and `off`, or with `on` alone."""
+    """`register` with `bit`, with `on` and `off`, or with `on` alone; of a coil alone, which is
+    then 1 while the command is on."""
     name = table.text("register")
     row = rows.named(table, "register", name)
     on = table.names_or_integers("on")
     off = table.names_or_integers("off")
     action = None
     if row is not None:
-        if table.has_key("bit") is table.has_key("on"):
+        is_coil = row.type is RegisterType.BIT and not table.has_key("bit")
+        if not is_coil and table.has_key("bit") is table.has_key("on"):
             table.report_mistake("", "needs either `bit`, or `on` and mostly `off`")
         if not row.writable:
             table.report_mistake("register", f"register {name!r} is not writable")
         mask = rows.mask(table, row) if table.has_key("bit") else 0
         on_codes = rows.numbers(table, "on", name, rows.device.codes, 65_535) if on else (1,)
         off_codes = rows.numbers(table, "off", name, rows.device.codes, 65_535) if off else ()
+        ends_at_0 = mask or (is_coil and not table.has_key("on"))
         action = MappedAction(name, rows.is_in_hopper(name), mask, on_codes[0] if on_codes else 1,
-                              0 if mask else off_codes[0] if off_codes else None)
+                              0 if ends_at_0 else off_codes[0] if off_codes else None)
     else:
         table.names_or_integers("bit")
     table.report_unknown_keys()
@@ -263,13 +271,13 @@ def _optional_row(table: TableReader, key: str, rows: _Rows) -> str | None:
 
 def _alarm(table: TableReader, rows: _Rows) -> MappedAlarm:
     text, remedy = table.text("text"), table.text("remedy", "see the feeder's manual")
-    if table.has_key("code"):
-        found = MappedAlarm(text, remedy, code=table.integer("code", least=1, most=65_535))
-        table.report_unknown_keys()
-        return found
-    condition = _condition(table, rows)
+    has_code, has_condition = table.has_key("code"), table.has_key("register")
+    if has_code is has_condition:
+        table.report_mistake("", "needs either `code`, or `register` of a condition that shows it")
+    code = table.integer("code", least=1, most=65_535) if has_code else None
+    condition = _condition(table, rows) if has_condition else None
     table.report_unknown_keys()
-    return MappedAlarm(text, remedy, condition=condition)
+    return MappedAlarm(text, remedy, code, condition)
 
 
 def _refusal(table: TableReader) -> tuple[int, str]:

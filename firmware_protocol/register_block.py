@@ -24,10 +24,17 @@ class RegisterError(ValueError):
 
 
 class RegisterSpace(Enum):
-    """Which of the two register spaces a row is in."""
+    """Which of the four spaces of a Modbus device a row is in."""
 
-    INPUT = "input"      # read by FC 04
-    HOLDING = "holding"  # read by FC 03, written by FC 06 and 16
+    INPUT = "input"        # registers, read by FC 04
+    HOLDING = "holding"    # registers, read by FC 03, written by FC 06 and 16
+    COIL = "coil"          # single bits, read by FC 01, written by FC 15
+    DISCRETE = "discrete"  # single bits (discrete inputs), read by FC 02
+
+    @property
+    def has_bits(self) -> bool:
+        """Whether each address holds one bit, not a word."""
+        return self in (RegisterSpace.COIL, RegisterSpace.DISCRETE)
 
 
 class RegisterType(Enum):
@@ -38,6 +45,7 @@ class RegisterType(Enum):
     U32 = (2, 0, 0xFFFF_FFFF, 0xFFFF_FFFF)
     I32 = (2, -0x8000_0000, 0x7FFF_FFFF, 0x7FFF_FFFF)
     BITS = (1, 0, 0xFFFF, -1)
+    BIT = (1, 0, 1, -1)    # a coil or a discrete input: its "word" is 0 or 1
     F32 = (2, 0, 0, -2)    # IEEE 754 single precision; a NaN is "not available"
     ASCII = (0, 0, 0, -1)  # two characters a word, first in the high byte, padded with NUL
 
@@ -123,7 +131,8 @@ class PlacedRegister(NamedTuple):
 
 
 class RegisterBlock:
-    """A stretch of registers that one request moves: `count` from wire address `address` on."""
+    """A stretch of registers, or of bits, that one request moves: `count` from wire address
+    `address` on."""
 
     def __init__(
         self, kind: RegisterSpace, address: int, count: int, placed: Sequence[PlacedRegister],

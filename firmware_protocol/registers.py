@@ -20,6 +20,7 @@ from firmware_protocol.register_block import (
 )
 
 __all__ = [
+    "MAX_BITS",
     "MAX_READ_REGISTERS",
     "MAX_WRITE_REGISTERS",
     "Register",
@@ -32,25 +33,29 @@ __all__ = [
     "WordOrder",
 ]
 
-#: Most registers one request may read (FC 03, 04) and write (FC 16), Modbus application protocol.
+#: Most registers one request may read (FC 03, 04) and write (FC 16), and most bits that one may
+#: both read and write (FC 01, 02, 15), Modbus application protocol.
 MAX_READ_REGISTERS = 125
 MAX_WRITE_REGISTERS = 123
+MAX_BITS = 1968
 
 class RegisterMap:
     """The rows of one device and its habits.
 
-    input_base, holding_base : what the manual calls the register at wire address 0: 0, 1, or
-        30001 and 40001
+    input_base, holding_base, coil_base, discrete_base : what the manual calls the one at wire
+        address 0: 0, 1, or 30001, 40001, 1 and 10001
     Raises RegisterError where rows overlap, share a name, or leave the address space.
     """
 
     def __init__(
         self, rows: Iterable[Register], *, word_order: WordOrder = WordOrder.ABCD,
-        input_base: int = 0, holding_base: int = 0,
+        input_base: int = 0, holding_base: int = 0, coil_base: int = 0, discrete_base: int = 0,
     ) -> None:
         self.rows = tuple(rows)
         self.word_order = word_order
-        self._base = {RegisterSpace.INPUT: input_base, RegisterSpace.HOLDING: holding_base}
+        self._base = {
+            RegisterSpace.INPUT: input_base, RegisterSpace.HOLDING: holding_base,
+            RegisterSpace.COIL: coil_base, RegisterSpace.DISCRETE: discrete_base}
         self._by_name = {row.name: row for row in self.rows}
         if len(self._by_name) != len(self.rows):
             raise RegisterError("two rows of the map share a name")
@@ -63,8 +68,11 @@ class RegisterMap:
                     raise RegisterError(f"{row.name} and {other} overlap at {address}")
 
     def _check(self, row: Register) -> None:
-        if row.writable and row.space is RegisterSpace.INPUT:
-            raise RegisterError(f"{row.name}: an input register cannot be written")
+        if row.writable and row.space in (RegisterSpace.INPUT, RegisterSpace.DISCRETE):
+            raise RegisterError(f"{row.name}: an input cannot be written")
+        if row.space.has_bits is not (row.type is RegisterType.BIT):
+            raise RegisterError(f"{row.name}: coils and discrete inputs are of type BIT, and "
+                                "nothing else is")
         if row.word_count < 1 or not 0 < row.counts_per_unit < float("inf"):
             raise RegisterError(f"{row.name}: length and scale must be above 0")
         first = self.wire_address(row.name)
@@ -103,6 +111,7 @@ class RegisterMap:
                    most: int = MAX_READ_REGISTERS) -> tuple[RegisterBlock, ...]:
         """The fewest gapless blocks that hold the rows, none longer than one request may read.
 
+        most : registers; of bits one request moves up to MAX_BITS
         A gap would be answered by "illegal address" on many devices, so none is read across.
         """
         rows = [self._by_name[name] for name in dict.fromkeys(names)]
@@ -114,7 +123,8 @@ class RegisterMap:
                 last is not None
                 and last[-1].space is row.space
                 and last[-1].address + last[-1].word_count == row.address
-                and row.address + row.word_count - last[0].address <= most
+                and row.address + row.word_count - last[0].address
+                <= (MAX_BITS if row.space.has_bits else most)
             ):
                 last.append(row)
             else:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, cast
 
 from simulators.modbus_errors import (
     ILLEGAL_ADDRESS,
@@ -25,6 +25,14 @@ class ModbusRegisters(Protocol):
     def read_input(self, address: int, count: int) -> list[int]: ...
     def read_holding(self, address: int, count: int) -> list[int]: ...
     def write(self, address: int, words: Sequence[int]) -> None: ...
+
+
+class ModbusBits(Protocol):
+    """Coils and discrete inputs, of devices that have any."""
+
+    def read_coils(self, address: int, count: int) -> list[int]: ...
+    def read_discrete(self, address: int, count: int) -> list[int]: ...
+    def write_coils(self, address: int, bits: Sequence[int]) -> None: ...
 
 
 @dataclass(frozen=True)
@@ -63,6 +71,22 @@ class RegistersWithQuirks:
 
     def write(self, address: int, words: Sequence[int]) -> None:
         self._device.write(self._own(address, len(words)), words)
+
+    def read_coils(self, address: int, count: int) -> list[int]:
+        return self._bits.read_coils(address - self._quirks.address_base, count)
+
+    def read_discrete(self, address: int, count: int) -> list[int]:
+        return self._bits.read_discrete(address - self._quirks.address_base, count)
+
+    def write_coils(self, address: int, bits: Sequence[int]) -> None:
+        self._bits.write_coils(address - self._quirks.address_base, bits)
+
+    @property
+    def _bits(self) -> ModbusBits:
+        """The device's coils. Raises ExceptionReplyError where it has none."""
+        if not hasattr(self._device, "read_coils"):
+            raise ExceptionReplyError(ILLEGAL_FUNCTION)
+        return cast(ModbusBits, self._device)
 
     def _own(self, address: int, count: int) -> int:
         """The device's own number of a register. Raises ExceptionReplyError."""

@@ -17,6 +17,14 @@ from typing import cast
 from pymodbus.exceptions import ModbusIOException
 from pymodbus.framer import FramerBase, FramerRTU, FramerSocket
 from pymodbus.pdu import DecodePDU, ExceptionResponse, ModbusPDU
+from pymodbus.pdu.bit_message import (
+    ReadCoilsRequest,
+    ReadCoilsResponse,
+    ReadDiscreteInputsRequest,
+    ReadDiscreteInputsResponse,
+    WriteMultipleCoilsRequest,
+    WriteMultipleCoilsResponse,
+)
 from pymodbus.pdu.register_message import (
     MaskWriteRegisterRequest,
     MaskWriteRegisterResponse,
@@ -186,6 +194,15 @@ def _carried_out(registers: ModbusRegisters, request: ModbusPDU) -> ModbusPDU:
         case ReadHoldingRequest():
             return RegistersReply(
                 request.function_code, registers.read_holding(request.address, request.count))
+        case ReadDiscreteInputsRequest() if isinstance(registers, RegistersWithQuirks):
+            return ReadDiscreteInputsResponse(bits=list(map(bool, registers.read_discrete(
+                request.address, request.count))))
+        case ReadCoilsRequest() if isinstance(registers, RegistersWithQuirks):
+            return ReadCoilsResponse(bits=list(map(bool, registers.read_coils(
+                request.address, request.count))))
+        case WriteMultipleCoilsRequest() if isinstance(registers, RegistersWithQuirks):
+            registers.write_coils(request.address, list(map(int, request.bits)))
+            return WriteMultipleCoilsResponse(address=request.address, count=len(request.bits))
         case WriteSingleRegisterRequest():
             registers.write(request.address, request.registers)
             return WriteSingleRegisterResponse(

@@ -170,13 +170,13 @@ class MappedFeederDevice:
         self.device.write(PMX_MAP.wire_address("COMMAND"), [int(command)])
 
     def _is_on(self, actions: Sequence[MappedAction]) -> bool:
-        """Whether a command is on: in any of the hoppers, where each has its own register."""
-        for action in actions:
-            for row in self._rows_of(action):
-                value = int(_number(self.held.get(row, 0)))
-                if value & action.mask if action.mask else value == action.on:
-                    return True
-        return False
+        """Whether all of a command's writes are on: of a register that each hopper has, any."""
+        def is_on(action: MappedAction, row: str) -> bool:
+            value = int(_number(self.held.get(row, 0)))
+            return bool(value & action.mask) if action.mask else value == action.on
+
+        return bool(actions) and all(
+            any(is_on(action, row) for row in self._rows_of(action)) for action in actions)
 
     def _is_written(self, action: MappedAction, written: Mapping[str, RegisterValue]) -> bool:
         rows = [row for row in self._rows_of(action) if row in written]
@@ -263,9 +263,21 @@ class MappedFeederUnit:
     def read_holding(self, address: int, count: int) -> list[int]:
         return self._read(RegisterSpace.HOLDING, address, count)
 
+    def read_coils(self, address: int, count: int) -> list[int]:
+        return self._read(RegisterSpace.COIL, address, count)
+
+    def read_discrete(self, address: int, count: int) -> list[int]:
+        return self._read(RegisterSpace.DISCRETE, address, count)
+
+    def write_coils(self, address: int, bits: Sequence[int]) -> None:
+        self._write(RegisterSpace.COIL, address, bits)
+
     def write(self, address: int, words: Sequence[int]) -> None:
+        self._write(RegisterSpace.HOLDING, address, words)
+
+    def _write(self, space: RegisterSpace, address: int, words: Sequence[int]) -> None:
         """Whole writable rows, all of them or none."""
-        rows = self._rows_between(RegisterSpace.HOLDING, address, len(words))
+        rows = self._rows_between(space, address, len(words))
         values: dict[str, RegisterValue] = {}
         for row in rows:
             first = self._table.wire_address(row.name) - address

@@ -17,6 +17,7 @@ from firmware_protocol.registers import (
 
 EXAMPLES = Path(str(files("lmctl.examples")))
 SCREW = (EXAMPLES / "feeder-rtu.toml").read_text()
+COILS = (EXAMPLES / "feeder-coils.toml").read_text()
 
 #: A feeder with as little as a map may say.
 LEAST = """
@@ -142,7 +143,7 @@ def test_the_identities_are_those_of_the_programs():
         ("order = [", 'order = ["colour", ', "recipe.order: 'colour' is no set-point"),
         ("register = [", "register = [[", "not valid TOML"),
         ("[3, 4, 16]", "[3, 4, 16, 6]", "function_codes: 6 is not used here"),
-        ("[3, 4, 16]", "[3, 4, 99]", "function_codes: must be whole numbers from 3 to 23"),
+        ("[3, 4, 16]", "[3, 4, 99]", "function_codes: must be whole numbers from 1 to 23"),
         ('type = "u32", unit = "s"', 'type = "ascii", unit = "s"',
          "register[5].length: is missing"),
         ('word_order = "CDAB"', 'word_order = "CDAB"\nhopper_unit = 11',
@@ -201,6 +202,62 @@ def test_a_contradiction_is_named_where_it_is(old, new, said):
     assert old in SCREW
     assert any(said in mistake for mistake in mistakes(SCREW.replace(old, new))), mistakes(
         SCREW.replace(old, new))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("[1, 2, 3, 4, 15, 16]", "[2, 3, 4, 15, 16]",
+         "register 'HOST': it is a coil, and function_codes lacks 1: add 1"),
+        ("[1, 2, 3, 4, 15, 16]", "[1, 3, 4, 15, 16]",
+         "register 'STEADY': it is a discrete input, and function_codes lacks 2: add 2"),
+        ("[1, 2, 3, 4, 15, 16]", "[1, 2, 3, 4, 16]",
+         "register 'RUN': it is a coil to write, and function_codes lacks 15"),
+        ('"STEADY", space = "discrete"', '"STEADY", space = "discrete", writable = true',
+         "register 'STEADY': a discrete input cannot be written"),
+        ('"RUN", space = "coil"', '"RUN", space = "coil", type = "u16"',
+         "register 'RUN': a coil is of type bit, not u16"),
+        ('"SERIES", space = "input"', '"SERIES", space = "input", type = "bit"',
+         "register 'SERIES': type bit is for space = \"coil\" and \"discrete\""),
+        ('"RUN", space = "coil"', '"RUN", space = "coil", unit = "g", maximum = 1',
+         "register 'RUN': a coil is one bit: it has no unit"),
+        ('"RUN", space = "coil"', '"RUN", space = "coil", unit = "g", maximum = 1',
+         "register 'RUN': a coil is one bit: it has no maximum"),
+        ('"RUN", space = "coil", address = 3', '"RUN", space = "coil", address = 2',
+         "register 'RUN': overlaps 'GAS' at coil 2"),
+        ('"RUN", space = "coil", address = 3', '"RUN", space = "coil", address = 0',
+         "register 'RUN': address 0 is wire address -1 with base 1"),
+        ('address = 11, step = 1', 'address = 5, step = 1', "overlaps 'ALIVE' at coil 5"),
+        ('{ register = "STEADY" }', '{ register = "STEADY", bit = 0 }',
+         "register 'STEADY' is one bit already: leave it out"),
+        ('[{ register = "HOST" }]', '[{ register = "HOST", bit = 0 }]',
+         "register 'HOST' is one bit already: leave it out"),
+        ('[{ register = "HOST" }]', '[{ register = "STEADY" }]',
+         "register 'STEADY' is not writable"),
+        ('[{ register = "HOST" }]', '[{ register = "HOST", on = 2, off = 0 }]',
+         "commands.remote: HOST must be between 0 and 1, not 2"),
+        ('flow_g_min = "RATE"', 'flow_g_min = "LOW"',
+         "hopper_values.flow_g_min: register 'LOW' holds no number"),
+        ('timeout = "ALIVE_TIME"', 'timeout = "HOST"',
+         "watchdog.timeout: register 'HOST' is one bit, and a number is needed"),
+        ('[missing]\n', '[recipe]\ncommit = "HOST"\napplied = "STEADY"\n[missing]\n',
+         "recipe.commit: register 'HOST' is one bit, and a number is needed"),
+        ('[missing]\n', '[recipe]\ncommit = "HOST"\napplied = "STEADY"\n[missing]\n',
+         "recipe.applied: register 'STEADY' is one bit, and a number is needed"),
+        ('register = "DRIVE_FAULT"\n', "",
+         "alarm[1]: needs either `code`, or `register` of a condition that shows it"),
+        ('register = "DRIVE_FAULT"\n', 'register = "DRIVE_FAULT"\ncode = 7\n',
+         "alarm[1]: needs either `code`, or `register` of a condition that shows it"),
+        ('register = "SERIES"', 'register = "STEADY"',
+         "identity.register: 'STEADY' is one bit, and tells no device"),
+        ('[identity]', '[bits.HOST]\nON = 0\n[identity]',
+         "bits.HOST: it is one bit already, and has no bits to name"),
+    ],
+)
+def test_a_contradiction_of_coils_is_named_where_it_is(old, new, said):
+    assert old in COILS
+    assert any(said in mistake for mistake in mistakes(COILS.replace(old, new))), mistakes(
+        COILS.replace(old, new))
 
 
 def test_all_mistakes_of_a_map_come_at_once():

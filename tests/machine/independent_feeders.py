@@ -199,4 +199,110 @@ class AnalogModule(HandWrittenFeeder):
         return {8192: 750, **{at: self.word(1, at) for at in (512, 520, 521)}}
 
 
-FEEDERS = {"rtu": ScrewFeeder, "tcp": DosingRack, "analog": AnalogModule}
+class CoilFeeder(HandWrittenFeeder):
+    """CD-2: coils from 1, discrete inputs from 10001. Its Modbus TCP is written here, too."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.coils = dict.fromkeys([*range(5), 10, 11], 0)
+        self.since_s = self.beaten_s = now()
+        self.beats = self.resets = 0
+
+    @property
+    def runs(self) -> bool:
+        """RUN; the coil ENABLE of each hopper counts for its own flow only."""
+        return bool(self.coils[2])
+
+    def carry_out(self, unit, address):
+        self.set_gas(bool(self.coils[1]))
+        before = any(self.flows_g_min)
+        turns = [self.runs and self.coils[10 + hopper] for hopper in (0, 1)]
+        self.set_flows(*(self.word(1, 10 + 10 * hopper) / 100 if turns[hopper] else 0.0
+                         for hopper in (0, 1)))
+        if any(self.flows_g_min) and not before:
+            self.since_s = now()
+
+    def write_coils(self, address, bits):
+        self.written.append((1, address, tuple(bits)))
+        for at, bit in enumerate(bits, address):
+            self.beats += at == 4 and bit != self.coils[4]
+            self.resets += at == 3 and bit > self.coils[3]
+            if (1, at) not in self.ignored:
+                self.coils[at] = bit
+        self.carry_out(1, address)
+
+    def inputs(self):
+        steady = self.runs and now() - self.since_s >= 3.0
+        known = dict(enumerate([self.coils[0], int(self.gas_on), int(self.runs), int(steady), 0, 0,
+                                0]))
+        return known | {at + 10 * h: bit for h in (0, 1)
+                        for at, bit in ((10, 0), (11, 0), (12, int(self.gas_on)))}
+
+    def reported(self, unit, code):
+        if code == 4:
+            return {0: 4471, 1: int(1000 * now()), **{
+                10 + 10 * h: round(100 * self.flows_g_min[h]) for h in (0, 1)}}
+        return {at: self.word(1, at) for at in (0, 10, 20)}
+
+    def reply(self, pdu):
+        """The answer to a PDU, by the letter of the protocol."""
+        code, address, count = struct.unpack_from(">BHH", pdu)
+        try:
+            if code in (1, 2):
+                known = self.coils if code == 1 else self.inputs()
+                bits = sum(known[address + at] << at for at in range(count))
+                return struct.pack("BB", code, (count + 7) // 8) + bits.to_bytes(
+                    (count + 7) // 8, "little")
+            if code in (3, 4):
+                known = self.reported(1, code)
+                words = [known[at] & 0xFFFF for at in range(address, address + count)]
+                return struct.pack(f">BB{count}H", code, 2 * count, *words)
+            if code == 15:
+                bits = int.from_bytes(pdu[6:], "little")
+                if not all(at in self.coils for at in range(address, address + count)):
+                    raise KeyError(address)
+                self.write_coils(address, [bits >> at & 1 for at in range(count)])
+                return pdu[:5]
+            if code == 16:
+                words = struct.unpack_from(f">{count}H", pdu, 6)
+                self.written.append((1, address, words))
+                for at, word in enumerate(words, address):
+                    if (1, at) not in self.ignored:
+                        self.held[1, at] = word
+                self.carry_out(1, address)
+                return pdu[:5]
+            return struct.pack("BB", code | 0x80, 1)
+        except KeyError:
+            return struct.pack("BB", code | 0x80, 2)
+
+    @asynccontextmanager
+    async def served(self):
+        talks = []
+
+        class Talk(asyncio.Protocol):
+            def connection_made(talk, transport):  # noqa: N805 (self is the feeder)
+                talk.transport, talk.unread = transport, b""
+                talks.append(transport)
+
+            def data_received(talk, data):  # noqa: N805
+                talk.unread += data
+                while len(talk.unread) >= 7:
+                    number, zero, length, unit = struct.unpack_from(">HHHB", talk.unread)
+                    if len(talk.unread) < 6 + length:
+                        return
+                    pdu, talk.unread = talk.unread[7 : 6 + length], talk.unread[6 + length :]
+                    answer = self.reply(pdu)
+                    talk.transport.write(
+                        struct.pack(">HHHB", number, zero, len(answer) + 1, unit) + answer)
+
+        server = await asyncio.get_running_loop().create_server(Talk, "127.0.0.1", 0)
+        try:
+            yield f"modbus-tcp://127.0.0.1:{server.sockets[0].getsockname()[1]}"
+        finally:
+            server.close()
+            for transport in talks:
+                transport.close()
+            await asyncio.sleep(0)
+
+
+FEEDERS = {"coils": CoilFeeder, "rtu": ScrewFeeder, "tcp": DosingRack, "analog": AnalogModule}

@@ -1,4 +1,4 @@
-"""Feeders with register maps of their own: three habits, each against a device made from the same
+"""Feeders with register maps of their own: four habits, each against a device made from the same
 map and against one written by hand from its manual."""
 
 import asyncio
@@ -29,7 +29,7 @@ from tests.machine.independent_feeders import FEEDERS
 EXAMPLES = Path(str(files("lmctl.examples")))
 MAPS = {name: load_map(EXAMPLES / f"feeder-{name}.toml") for name in FEEDERS}
 #: What the device of each map resolves of a flow [g/min].
-STEP_G_MIN = {"rtu": 0.002, "tcp": 0.001, "analog": 75 / 27648}
+STEP_G_MIN = {"coils": 0.01, "rtu": 0.002, "tcp": 0.001, "analog": 75 / 27648}
 TWO = FeederConfig("F1", (TRUTH, replace(TRUTH, channel=2)))
 
 
@@ -170,7 +170,33 @@ def test_the_words_of_a_hand_written_device_are_read_in_its_units():
     virtual_time.run_in_virtual_time(main())
 
 
-@pytest.mark.parametrize(("name", "word", "other"), [("rtu", 0, 1), ("analog", 8192, 751)])
+def test_coils_toggle_pulse_and_enable_only_the_hoppers_in_use():
+    async def main():
+        device = FEEDERS["coils"]()
+        async with device.served() as endpoint, driven(endpoint, MAPS["coils"]) as (driver, ears):
+            await feed(driver, 6.0, 6.0)
+            beats = device.beats
+            await asyncio.sleep(10.0)
+            assert device.beats - beats >= 4 * 10.0 / settings("modbus-tcp://x", MAPS["coils"]
+                                                               ).watchdog_s - 1
+            assert (device.coils[10], device.coils[11]) == (1, 1)
+            await driver.reset_alarms()
+            assert device.resets == 1
+            assert device.coils[3] == 0
+            assert driver.status.feeding
+            assert ears.faults == []
+            status = await driver.complete_status()
+            assert status.hoppers["A"].flow_estimated_g_min == pytest.approx(6.0)
+            alarms = device.inputs
+            device.inputs = lambda: alarms() | {4: 1}
+            await asyncio.sleep(3.0)
+            assert driver.status.alarm.text == "a disc drive reports a fault"
+
+    virtual_time.run_in_virtual_time(main())
+
+
+@pytest.mark.parametrize(("name", "word", "other"), [("rtu", 0, 1), ("analog", 8192, 751),
+                                                     ("coils", 0, 4472)])
 def test_another_device_is_recognised_before_anything_is_written(name, word, other):
     async def main():
         device = FEEDERS[name]()
@@ -186,6 +212,7 @@ def test_another_device_is_recognised_before_anything_is_written(name, word, oth
 
 
 @pytest.mark.parametrize(("name", "place"), [("rtu", (1, 120)), ("tcp", (12, 11)),
+                                             ("coils", (1, 20)),
                                              ("analog", (1, 521))])
 def test_a_set_point_that_does_not_arrive_is_a_fault(name, place):
     """Written in order and read back: the device answers, and keeps another value."""

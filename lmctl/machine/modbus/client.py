@@ -12,9 +12,14 @@ import asyncio
 from collections.abc import Callable, Sequence
 
 from pymodbus.pdu import ModbusPDU
+from pymodbus.pdu.bit_message import (
+    ReadCoilsRequest,
+    ReadDiscreteInputsRequest,
+    WriteMultipleCoilsRequest,
+)
 from pymodbus.pdu.register_message import ReadHoldingRegistersRequest, ReadInputRegistersRequest
 
-from firmware_protocol.registers import MAX_READ_REGISTERS, MAX_WRITE_REGISTERS
+from firmware_protocol.registers import MAX_BITS, MAX_READ_REGISTERS, MAX_WRITE_REGISTERS
 from lmctl.config.modbus_device import ModbusDevice
 from lmctl.errors import MachineError
 from lmctl.machine.modbus.endpoint import RtuEndpoint, TcpEndpoint, parse_modbus_endpoint
@@ -173,6 +178,35 @@ class ModbusLink:
             address=self._base + address, registers=words, dev_id=unit or self._device_id)
         await self._ask(request, _WRITE_ANSWER_BYTES)
 
+    async def read_coils(
+        self, address: int, count: int, unit: int | None = None
+    ) -> Sequence[int]:
+        """FC 01: 0 or 1 of each coil."""
+        return await self._read_bits(ReadCoilsRequest, address, count, unit)
+
+    async def read_discrete_inputs(
+        self, address: int, count: int, unit: int | None = None
+    ) -> Sequence[int]:
+        """FC 02: 0 or 1 of each discrete input."""
+        return await self._read_bits(ReadDiscreteInputsRequest, address, count, unit)
+
+    async def write_coils(self, address: int, bits: Sequence[int], unit: int | None = None) -> None:
+        """FC 15, one coil too."""
+        _check_count(len(bits), MAX_BITS)
+        await self._ask(WriteMultipleCoilsRequest(
+            address=self._base + address, bits=[bool(bit) for bit in bits],
+            dev_id=unit or self._device_id), _WRITE_ANSWER_BYTES)
+
+    async def _read_bits(
+        self, request: Callable[..., ModbusPDU], address: int, count: int, unit: int | None
+    ) -> Sequence[int]:
+        _check_count(count, MAX_BITS)
+        answer_bytes = 2 + (count + 7) // 8
+        answer = await self._ask(request(
+            dev_id=unit or self._device_id, address=self._base + address, count=count),
+            answer_bytes)
+        return [int(bit) for bit in answer.bits[:count]]
+
     async def exchange(
         self, write_address: int, words: Sequence[int], read_address: int, count: int
     ) -> Sequence[int]:
@@ -274,4 +308,4 @@ def _unreachable(where: TcpEndpoint | RtuEndpoint, reason: str) -> MachineError:
 
 def _check_count(count: int, most: int) -> None:
     if not 1 <= count <= most:
-        raise ValueError(f"one request moves 1 to {most} registers, not {count}")
+        raise ValueError(f"one request moves 1 to {most} registers or bits, not {count}")

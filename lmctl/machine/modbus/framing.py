@@ -18,8 +18,8 @@ from lmctl.machine.modbus.observation import WireObservation
 
 #: Flag that a device sets in the function code of an exception.
 EXCEPTION_FLAG = 0x80
-_READ_FUNCTIONS = (3, 4, 23)
-_WRITE_FUNCTIONS = (6, 16)
+_READ_FUNCTIONS = (1, 2, 3, 4, 23)
+_WRITE_FUNCTIONS = (6, 15, 16)
 _MBAP = 6  # bytes before the unit id of a TCP frame
 _MAX_TCP_BODY = 254
 

@@ -93,7 +93,9 @@ class MappedOutputs:
     async def beat(self, heartbeat: int) -> None:
         """Write the heartbeat, where the device watches for one."""
         if self._map.heartbeat is not None:
-            await self._registers.write({(None, self._map.heartbeat): heartbeat})
+            row = next(r for r in self._device.rows if r.name == self._map.heartbeat)
+            value = heartbeat % 2 if row.space.has_bits else heartbeat  # a coil changes with each
+            await self._registers.write({(None, row.name): value})
 
     async def set_recipe(
         self, sequence: int, flows_g_min: dict[int, float], carrier_L_min: dict[int, float]
@@ -151,6 +153,8 @@ class MappedOutputs:
                     await self._registers.write({place: word})
                 else:
                     await self._registers.write({place: action.on})
+                    if action.off is not None:
+                        await self._registers.write({place: action.off})
 
     async def _carry_out(self, command: FeederCommandBits) -> None:
         """Write the registers of every command that a map has, those that go off first.

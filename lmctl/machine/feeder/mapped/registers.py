@@ -29,6 +29,9 @@ class MappedRegisters:
         self._tables: dict[int | None, RegisterMap] = {
             unit: device.registers_of_unit(unit) for unit in device.unit_ids()}
         self._plans: dict[tuple[Place, ...], list[tuple[int | None, RegisterBlock]]] = {}
+        self._read = {
+            RegisterSpace.INPUT: link.read_input, RegisterSpace.HOLDING: link.read_holding,
+            RegisterSpace.COIL: link.read_coils, RegisterSpace.DISCRETE: link.read_discrete_inputs}
         self._hopper_rows = {one.register.name for one in device.hopper_rows}
 
     def places(self, name: str, channels: Sequence[int]) -> list[Place]:
@@ -45,9 +48,7 @@ class MappedRegisters:
             plan = self._plans[wanted] = self._blocks(wanted, self._device.max_registers)
         values: dict[tuple[int | None, str], RegisterValue] = {}
         for unit, block in plan:
-            read = (self._link.read_input if block.kind is RegisterSpace.INPUT
-                    else self._link.read_holding)
-            words = await read(block.address, block.count, unit)
+            words = await self._read[block.kind](block.address, block.count, unit)
             values |= {(unit, name): value for name, value in block.decode(words).items()}
         return {place: values[self._unit(place), row_name(place[1], place[0])] for place in wanted}
 
@@ -60,7 +61,8 @@ class MappedRegisters:
         for unit, block in self._blocks(tuple(values), most):
             named = {row_name(name, channel): value for (channel, name), value in values.items()
                      if self._unit((channel, name)) == unit}
-            await self._link.write(block.address, block.encode(named), unit)
+            write = self._link.write_coils if block.kind is RegisterSpace.COIL else self._link.write
+            await write(block.address, block.encode(named), unit)
 
     def nearest(self, place: Place, value: float) -> tuple[RegisterValue, bool]:
         """What a register holds that is nearest to a value, and whether its limits forbid more."""
