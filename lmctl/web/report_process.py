@@ -10,15 +10,25 @@ import sys
 from pathlib import Path
 
 from lmctl.errors import JournalError, LmctlError
+from lmctl.run.journal.run_folders import RunFolder
 
-#: A report that takes longer is made with `lmctl report` [s].
-MOST_S = 120.0
+#: A report that takes longer is made with `lmctl report` [s], and so is one of a larger journal,
+#: which would surely take longer. Nothing of a report can be sent before all of the journal is
+#: read: its summary and verification come first.
+MOST_S, MOST_BYTES = 120.0, 2_000_000_000
 
 _making = asyncio.Semaphore(1)
 
 
 async def report_as_html_apart(journal: Path) -> bytes:
     """The report as one HTML file. Raises JournalError where it cannot be made, or not in time."""
+    command = RunFolder(journal.parent).command("report")
+    by_hand = (f"`{command} -o report.html` in a terminal makes it: it has no such limit, and takes "
+               "no more memory for a longer journal")
+    if (size := _size(journal)) > MOST_BYTES:
+        raise JournalError(
+            f"the journal holds {size / 1e9:.1f} GB: its report is not made here",
+            where=f"up to {MOST_BYTES / 1e9:g} GB and {MOST_S:.0f} s", hint=by_hand)
     if _making.locked():
         raise JournalError("another report is being made", hint="try again in a minute")
     async with _making:
@@ -31,9 +41,7 @@ async def report_as_html_apart(journal: Path) -> bytes:
                 page, reason = await process.communicate()
         except TimeoutError:
             raise JournalError(
-                f"the report takes longer than {MOST_S:.0f} s",
-                hint=f"`lmctl report {journal.parent.name} -o report.html` has no such limit"
-            ) from None
+                f"the report takes longer than {MOST_S:.0f} s", hint=by_hand) from None
         finally:
             if process.returncode is None:
                 process.kill()
@@ -42,6 +50,14 @@ async def report_as_html_apart(journal: Path) -> bytes:
             raise JournalError("no report can be made of this run",
                                where=reason.decode("utf-8", "replace").splitlines()[-3:])
         return page
+
+
+def _size(journal: Path) -> int:
+    """Bytes; 0 where that is not known: what is wrong with the file, its reader tells."""
+    try:
+        return journal.stat().st_size
+    except OSError:
+        return 0
 
 
 def main(journal: Path) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import socket
 import sys
 from contextlib import suppress
@@ -121,6 +122,15 @@ def test_a_report_that_cannot_be_made_or_takes_too_long_is_refused(runs_dir, mon
     with pytest.raises(JournalError, match="no report can be made") as refusal:
         asyncio.run(report_as_html_apart(journal))
     assert any("is not a run journal" in line for line in refusal.value.where)
+
+
+def test_a_report_of_a_huge_journal_is_refused_at_once_with_the_command_that_makes_it(runs_dir):
+    journal = runs_dir / "run-0001/journal.jsonl"
+    os.truncate(journal, 10_000_000_000)  # a hole: it takes no room
+
+    with pytest.raises(JournalError, match=r"holds 10\.0 GB") as refusal:
+        asyncio.run(report_as_html_apart(journal))
+    assert f"`lmctl report run-0001 --runs {runs_dir} -o report.html`" in refusal.value.hint
 
 
 def test_a_token_that_cannot_be_read_is_refused(tmp_path):

@@ -136,17 +136,21 @@ function showRuns(runs) {
 async function download(run, button) {
   button.disabled = true;
   button.textContent = "…";
+  $("report-result").textContent = "";
   try {
     const answer = await fetch(`/api/runs/${run}/report.html`, { headers: authorization(token) });
-    if (!answer.ok) throw new Error((await answer.json()).error);
+    if (!answer.ok) {
+      const { error, hint } = await answer.json();
+      throw new Error(hint ? `${error}. ${hint}` : error);
+    }
     const anchor = element("a", "", { download: `report-${run}.html` });
     anchor.href = URL.createObjectURL(await answer.blob());
     anchor.click();
     URL.revokeObjectURL(anchor.href);
     button.textContent = "report";
   } catch (error) {
-    button.textContent = "failed";
-    button.title = error.message;
+    button.textContent = "report";
+    $("report-result").textContent = `No report of ${run}: ${error.message}`;
   }
   button.disabled = false;
 }
