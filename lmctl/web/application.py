@@ -14,6 +14,7 @@ from starlette.types import ASGIApp
 from lmctl.web.access import AccessPolicy
 from lmctl.web.operator_seat import OperatorSeat
 from lmctl.web.protection import RequestProtection
+from lmctl.web.rate_limit import RateLimit
 from lmctl.web.rest import DashRoutes
 from lmctl.web.run_catalogue import RunCatalogue
 
@@ -29,8 +30,10 @@ PAGE_FILES = {
 }
 
 
-def dash_application(catalogue: RunCatalogue, access: AccessPolicy) -> ASGIApp:
-    """The application over an open catalogue of runs."""
+def dash_application(
+    catalogue: RunCatalogue, access: AccessPolicy, rate: RateLimit | None = None
+) -> ASGIApp:
+    """The application over an open catalogue of runs. rate : as `RequestProtection` takes it"""
     seat = OperatorSeat(time.monotonic)
     folder = files("lmctl.web") / "page"
     loaded = {name: (folder / name).read_bytes() for name in PAGE_FILES}
@@ -43,4 +46,4 @@ def dash_application(catalogue: RunCatalogue, access: AccessPolicy) -> ASGIApp:
 
     routes = [Route("/", page_file), Route("/page/{name}", page_file),
               *DashRoutes(catalogue, access, seat).routes()]
-    return RequestProtection(Starlette(routes=routes), access)
+    return RequestProtection(Starlette(routes=routes), access, rate=rate)

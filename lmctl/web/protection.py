@@ -8,7 +8,6 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import Callable
-from typing import Any
 from urllib.parse import urlsplit
 
 from starlette.datastructures import Headers, MutableHeaders
@@ -20,6 +19,8 @@ from lmctl.web.run_watch import encoded
 
 #: Requests of one address: so many a second for long, and so many at once.
 REQUESTS_PER_S, REQUESTS_AT_ONCE = 50.0, 400.0
+
+_TOO_MANY = f"more than {REQUESTS_PER_S:.0f} requests a second"
 
 #: Wrong tokens of one address.
 _WRONG_PER_S, _WRONG_AT_ONCE = 0.2, 10.0
@@ -39,18 +40,34 @@ _HEADERS = {
 }
 
 
+def request_rate(now_s: Callable[[], float] = time.monotonic) -> RateLimit:
+    """The rate at which one address may ask."""
+    return RateLimit(REQUESTS_PER_S, REQUESTS_AT_ONCE, now_s)
+
+
+def flood_refusal() -> bytes:
+    """The answer to a request of an address that has none left, as it goes out; the connection is
+    then closed."""
+    body, headers = _refusal_answer(429, _TOO_MANY)
+    lines = [f"{name}: {value}" for name, value in _HEADERS.items()]
+    lines += [f"{name.decode()}: {value.decode()}" for name, value in headers]
+    return "\r\n".join(["HTTP/1.1 429 Too Many Requests", *lines, "", ""]).encode() + body
+
+
 class RequestProtection:
     """Refuses what no viewer of the page sends. Sets `scope["state"]["role"]` of what passes.
 
     now_s : a clock that never goes back
+    rate : of requests, where connections look at it, too; None: one of its own
     """
 
     def __init__(
-        self, app: ASGIApp, access: AccessPolicy, now_s: Callable[[], float] = time.monotonic
+        self, app: ASGIApp, access: AccessPolicy, now_s: Callable[[], float] = time.monotonic,
+        rate: RateLimit | None = None,
     ) -> None:
         self._app = app
         self._access = access
-        self._rate = RateLimit(REQUESTS_PER_S, REQUESTS_AT_ONCE, now_s)
+        self._rate = rate or request_rate(now_s)
         self._wrong = RateLimit(_WRONG_PER_S, _WRONG_AT_ONCE, now_s)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -86,7 +103,7 @@ class RequestProtection:
         """Status and reason of a refusal, None where there is none; and the role."""
         headers, address = Headers(scope=scope), (scope.get("client") or ("?",))[0]
         if not self._rate.take(address):
-            return (429, f"more than {REQUESTS_PER_S:.0f} requests a second"), AccessRole.NONE
+            return (429, _TOO_MANY), AccessRole.NONE
         host = _host_name(headers.get("host", ""))
         if self._access.host_names is not None and host not in self._access.host_names:
             return (421, f"this page does not answer as {host!r}"), AccessRole.NONE
@@ -145,11 +162,15 @@ def _replay(body: bytes, receive: Receive) -> Receive:
     return replayed
 
 
-async def _refuse(send: Send, status: int, reason: str) -> None:
+def _refusal_answer(status: int, reason: str) -> tuple[bytes, list[tuple[bytes, bytes]]]:
+    """Body and headers."""
     body = encoded({"error": reason, "where": [], "hint": ""})
-    headers: list[Any] = [(b"content-type", b"application/json"),
-                          (b"content-length", str(len(body)).encode()), (b"connection", b"close")]
-    if status == 429:
-        headers.append((b"retry-after", b"1"))
+    headers = [(b"content-type", b"application/json"),
+               (b"content-length", str(len(body)).encode()), (b"connection", b"close")]
+    return body, headers + ([(b"retry-after", b"1")] if status == 429 else [])
+
+
+async def _refuse(send: Send, status: int, reason: str) -> None:
+    body, headers = _refusal_answer(status, reason)
     await send({"type": "http.response.start", "status": status, "headers": headers})
     await send({"type": "http.response.body", "body": body})

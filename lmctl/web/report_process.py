@@ -23,8 +23,8 @@ _making = asyncio.Semaphore(1)
 async def report_as_html_apart(journal: Path) -> bytes:
     """The report as one HTML file. Raises JournalError where it cannot be made, or not in time."""
     command = RunFolder(journal.parent).command("report")
-    by_hand = (f"`{command} -o report.html` in a terminal makes it: it has no such limit, and takes "
-               "no more memory for a longer journal")
+    by_hand = (f"`{command} -o report.html` in a terminal makes it: it has no such limit, and "
+               "takes no more memory for a longer journal")
     if (size := _size(journal)) > MOST_BYTES:
         raise JournalError(
             f"the journal holds {size / 1e9:.1f} GB: its report is not made here",

@@ -8,11 +8,13 @@ import socket
 from collections.abc import Callable
 from contextlib import AsyncExitStack, suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from lmctl.errors import UsageError
 from lmctl.web.access import AccessPolicy
+from lmctl.web.rate_limit import RateLimit
 from lmctl.web.run_catalogue import RunCatalogue
 
 #: Connections at a time; more are answered 503.
@@ -50,6 +52,7 @@ async def serve_dash(
         import uvicorn
 
         from lmctl.web.application import dash_application
+        from lmctl.web.protection import request_rate
     except ImportError as error:
         raise _not_installed("the live page", "web", error) from None
     async with AsyncExitStack() as stack:
@@ -70,7 +73,9 @@ async def serve_dash(
 
             doors["opcua"] = await stack.enter_async_context(
                 OpcuaDoor(catalogue.live_snapshots, settings.host, settings.opcua_port))
-        server = uvicorn.Server(_config(dash_application(catalogue, access), settings))
+        rate = request_rate()
+        server = uvicorn.Server(
+            _config(dash_application(catalogue, access, rate), settings, rate))
         with suppress(OSError):  # only another user's limits can forbid that
             os.nice(_NICENESS)
         started(doors)
@@ -95,13 +100,15 @@ def _not_installed(what: str, extra: str, error: ImportError) -> UsageError:
                       hint=f"`pip install 'lmctl[{extra}]'`")
 
 
-def _config(application: Any, settings: DashSettings) -> Any:
+def _config(application: Any, settings: DashSettings, rate: RateLimit) -> Any:
     import uvicorn
 
     from lmctl.web.connections import BoundedConnection
+    from lmctl.web.protection import flood_refusal
 
+    connection: Any = partial(BoundedConnection, rate=rate, refusal=flood_refusal())
     config = uvicorn.Config(
-        application, http=BoundedConnection, ws="none", lifespan="off", loop="asyncio",
+        application, http=connection, ws="none", lifespan="off", loop="asyncio",
         log_level="critical", access_log=False, server_header=False, date_header=False,
         proxy_headers=False,
         limit_concurrency=_MOST_CONNECTIONS, timeout_keep_alive=5, timeout_graceful_shutdown=1,

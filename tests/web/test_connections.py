@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import asyncio
+import json
 from contextlib import asynccontextmanager
 
+import h11
 import pytest
 import uvicorn
 
 from lmctl.web.access import AccessPolicy
 from lmctl.web.application import dash_application
 from lmctl.web.connections import LOOK_S
-from lmctl.web.protection import BODY_S
+from lmctl.web.protection import BODY_S, REQUESTS_AT_ONCE, request_rate
 from lmctl.web.run_catalogue import RunCatalogue
 from lmctl.web.server import DashSettings, _config, listening_tcp
 from simulators import virtual_time
@@ -23,8 +25,9 @@ async def served(runs_dir):
     """The page on a free port; gives (reader, writer) makers."""
     async with RunCatalogue(runs_dir) as catalogue:
         with listening_tcp("127.0.0.1", 0) as listening:
-            app = dash_application(catalogue, AccessPolicy(OPERATOR))
-            server = uvicorn.Server(_config(app, DashSettings()))
+            rate = request_rate(asyncio.get_running_loop().time)
+            app = dash_application(catalogue, AccessPolicy(OPERATOR), rate)
+            server = uvicorn.Server(_config(app, DashSettings(), rate))
             serving = asyncio.create_task(server._serve([listening]))
             while not server.started:  # noqa: ASYNC110 (it has no event)
                 await asyncio.sleep(0.1)
@@ -76,5 +79,45 @@ def test_a_viewer_that_stays_is_not_cut(runs_dir):
             while loop.time() - began_s < 5 * LOOK_S:
                 assert await reader.readline() != b""
             writer.close()
+
+    virtual_time.run_in_virtual_time(main())
+
+
+def test_a_flood_is_refused_before_it_is_parsed_and_others_are_not(runs_dir, monkeypatch):
+    get = b"GET /api/session HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n"
+    parsed = []
+    receive = h11.Connection.receive_data
+    monkeypatch.setattr(h11.Connection, "receive_data",
+                        lambda self, data: (parsed.append(data), receive(self, data))[1])
+
+    async def main():
+        async with served(runs_dir) as connect:
+            async def ask(sent=get):
+                reader, writer = await connect()
+                writer.write(sent)
+                answer = await reader.readuntil(b"\r\n\r\n")
+                length = int(answer.lower().partition(b"content-length: ")[2].split(b"\r\n")[0])
+                body = json.loads(await reader.readexactly(length))
+                writer.close()
+                return answer, body
+
+            poster, writer = await connect()  # let in before, with its body still to come
+            writer.write(b"POST /api/seat HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: 2\r\n"
+                         b"Content-Type: application/json\r\n\r\n")
+            answers = [await ask() for _ in range(int(REQUESTS_AT_ONCE) - 1)]
+            assert {answer.split()[1] for answer, _ in answers} == {b"200"}
+            before = len(parsed)
+            answer, body = await ask()
+            assert answer.split()[1] == b"429"
+            assert b"\r\nretry-after: 1\r\n" in answer
+            assert b"\r\nContent-Security-Policy: default-src 'none'" in answer
+            assert "requests a second" in body["error"]
+            await ask(b"no HTTP at all")
+            assert len(parsed) == before
+            writer.write(b"{}")
+            assert (await poster.readline()).split()[1] == b"401"
+            writer.close()
+            await asyncio.sleep(1.0)
+            assert (await ask())[0].split()[1] == b"200"
 
     virtual_time.run_in_virtual_time(main())
