@@ -31,8 +31,6 @@ def first_broken_rule(layer: JobLayer, n_materials: int, n_hoppers: int) -> str 
     lines, flow_s, flow = layer.lines, layer.flow_s, layer.flow_g_s
     if lines.dtype != line_dtype(n_materials) or lines.shape != (n_lines,):
         return f"{n_lines} program lines, but a line table of shape {lines.shape}"
-    if n_lines == 0:
-        return "no program lines"
     if flow_s.dtype != np.float64 or flow_s.ndim != 1 or len(flow_s) < 2:
         return "fewer than two flow knots"
     if flow.dtype != np.float64 or flow.shape != (len(flow_s), n_hoppers):

@@ -144,6 +144,11 @@ def test_a_cloud_too_sparse_for_its_pitch_is_refused_with_the_pitch_it_can_bear(
     assert cloud_field(points, around(points, pitch)).values.max() > 25.0
 
 
+def on_a_ball(count, radius):
+    directions = np.random.default_rng(0).normal(size=(count, 3))
+    return radius * directions / np.linalg.norm(directions, axis=1)[:, None]
+
+
 @pytest.mark.parametrize(
     ("points", "what"),
     [
@@ -156,6 +161,8 @@ def test_a_cloud_too_sparse_for_its_pitch_is_refused_with_the_pitch_it_can_bear(
         (np.zeros((500, 2)), "not a list of x, y, z"),
         (np.zeros((0, 3)), "only 0 distinct points"),
         (np.random.default_rng(0).random((500, 3)) * 40 - 10, "outside its grid"),
+        (on_a_ball(300, 0.5), "only 8 points apart from each other"),
+        (on_a_ball(3000, 0.95) + 0.4, "encloses nothing that the grid can see"),
     ],
 )
 def test_clouds_that_cannot_be_used_are_refused(points, what):

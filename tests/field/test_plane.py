@@ -68,6 +68,11 @@ def test_a_distance_that_is_not_a_number_is_refused():
         section_loops(values, GRID)
 
 
+def test_values_of_another_plane_are_a_mistake_of_the_caller():
+    with pytest.raises(ValueError, match=r"values of shape \(3, 3\) on a plane of shape"):
+        section_loops(np.zeros((3, 3), np.float32), GRID)
+
+
 def test_a_loop_left_open_is_a_mistake_of_the_caller():
     with pytest.raises(ValueError, match="repeated last"):
         plane_distance([np.array([[0.0, 0.0], [5.0, 0.0], [5.0, 5.0], [0.0, 5.0]])], GRID)

@@ -152,6 +152,37 @@ def test_a_directory_the_file_does_not_have(job_path):
     assert "directory" in refused(job_path)
 
 
+def test_a_file_of_a_trailer_alone(tmp_path):
+    sign_again(tmp_path / "a.lmj", container.unsigned_trailer())
+    assert "is not a job file" in refused(tmp_path / "a.lmj")
+
+
+def test_an_archive_that_is_signed_and_none(job_path):
+    whole = bytearray(job_path.read_bytes())
+    entry = whole.index(b"PK\x01\x02")
+    whole[entry : entry + 4] = b"LMJ!"
+    sign_again(job_path, whole)
+    assert "is not a job file" in refused(job_path)
+
+
+def test_a_member_that_was_damaged_before_it_was_signed(job_path):
+    whole = bytearray(job_path.read_bytes())
+    whole[whole.index(b"N0 G1")] = ord("M")
+    sign_again(job_path, whole)
+    assert "layer-00000/program.txt cannot be read" in refused(job_path)
+
+
+def test_a_part_file_that_is_no_text(job_path):
+    remake(job_path, lambda members: members.update({"part.toml": b"name = '\xff'"}))
+    assert "the part file in it is not text" in refused(job_path)
+
+
+def test_a_name_that_no_file_can_have(tmp_path):
+    with pytest.raises(JobError, match="cannot read") as caught:
+        read_all(tmp_path / f"{'j' * 300}.lmj")
+    assert caught.value.where == ("File name too long",)
+
+
 def sign_again(path, data):
     with path.open("wb+") as file:
         file.write(data)

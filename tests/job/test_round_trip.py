@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from lmctl.errors import JobError
+from lmctl.job.packed_layer import pack_layer
 from lmctl.job.reader import JobReader
 from lmctl.job.schema import LineKind
 from lmctl.job.writer import JobWriter
@@ -130,6 +131,51 @@ def test_layers_join_in_time_and_flow(tmp_path, layer, manifest, part_text, spoi
             job.add_layer(spoil(layer(1)))
         job.add_layer(layer(1))
         job.finish(manifest(), part_text)
+
+
+@pytest.mark.parametrize(
+    ("first_path", "first_line", "reason"),
+    [(7, 6, "paths are not numbered on from 1"), (1, 12, "lines are not numbered on")],
+)
+def test_packed_layers_join_in_paths_and_lines(tmp_path, layer, first_path, first_line, reason):
+    one = layer(1)
+    paths = np.where(one.lines["path"] < 0, -1, first_path)
+    lines = one.lines.copy()
+    lines["path"] = paths
+    program = tuple(f"N{first_line + at} G1 X{at}.000 Y0.000 F600 S0" for at in range(6))
+    packed = pack_layer(dataclasses.replace(
+        one, lines=lines, program=program, first_line=first_line), first_path)
+    with pytest.raises(ValueError, match=reason), JobWriter(tmp_path / "a.lmj") as job:
+        job.add_layer(layer(0))
+        job.add_packed_layer(packed)
+
+
+def test_what_a_planner_must_not_forget(tmp_path, layer, manifest, part_text):
+    """Whatever is missing, no file is left."""
+    path = tmp_path / "a.lmj"
+    with pytest.raises(ValueError, match="was not finished"), JobWriter(path) as job:
+        job.add_layer(layer(0))
+    with pytest.raises(ValueError, match="at least one layer"), JobWriter(path) as job:
+        job.finish(manifest(), part_text)
+    with pytest.raises(ValueError, match="part_sha256"), JobWriter(path) as job:
+        job.add_layer(layer(0))
+        job.finish(manifest(), part_text + "#")
+    assert os.listdir(tmp_path) == []
+
+
+@pytest.mark.parametrize(
+    ("limit", "most", "what", "hint"),
+    [("MAX_LAYERS", 1, "more than 1 layers", "layer_height_mm"),
+     ("MAX_MEMBER_BYTES", 300, "layer 0 is too large for a job file", "wider bead")],
+)
+def test_a_job_larger_than_any_machine_reads(
+    tmp_path, write, monkeypatch, limit, most, what, hint
+):
+    monkeypatch.setattr(f"lmctl.job.container.{limit}", most)
+    with pytest.raises(JobError, match=what) as refused:
+        write(tmp_path / "a.lmj")
+    assert hint in refused.value.hint
+    assert os.listdir(tmp_path) == []
 
 
 def test_a_long_job_takes_no_more_memory_than_a_short_one(tmp_path, manifest, layer, part_text):

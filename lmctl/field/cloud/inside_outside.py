@@ -109,12 +109,6 @@ def orient_samples(samples: CloudSamples, patches: FittedPatches,
     # Air on the side the normal points to: the other side is inside.
     by_air = np.where(sides[:, 0] > sides[:, 1], -1, 1)
     sure = ~floating & ((facing != 0) | (wide > gap + 1))
-    if not sure.any():
-        raise InputError(
-            "inside and outside of the point cloud cannot be distinguished",
-            where=f"samples are typically {typical:.2g} mm apart",
-            hint="scan more points, or check that the part is thicker than the gaps between them",
-        )
     inward = np.where(sure, np.where(facing == 0, by_air, -facing), 0).astype(np.int8)
     propagate_orientation(inward, floating, samples, patches)
     lost = (inward == 0) & ~floating
@@ -123,7 +117,8 @@ def orient_samples(samples: CloudSamples, patches: FittedPatches,
             "inside and outside of the point cloud cannot be distinguished everywhere",
             where=f"at {int(lost.sum())} of {len(lost)} samples, "
             f"the first near {', '.join(f'{c:.1f}' for c in samples.points_mm[lost][0])}",
-            hint="scan more evenly and from all around; leave out closed cavities",
+            hint="scan more evenly and from all around; leave out closed cavities, and walls "
+            f"thinner than the samples are apart ({typical:.2g} mm)",
         )
     if lost.any():
         remarks.append(f"{int(lost.sum())} points whose side could not be found were dropped")
