@@ -11,6 +11,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
+from typing import Self
 
 
 class LmctlError(Exception):
@@ -28,6 +29,19 @@ class LmctlError(Exception):
         self.what = what
         self.where: tuple[str, ...] = (where,) if isinstance(where, str) else tuple(where)
         self.hint = hint
+
+    @classmethod
+    def cannot_read(cls, path: object, error: OSError) -> Self:
+        """That a file or folder cannot be read, in the system's own words."""
+        return cls(f"cannot read {path}", where=error.strerror or str(error),
+                   hint="check that it is there, and that you may read it")
+
+    @classmethod
+    def cannot_write(cls, path: object, error: OSError) -> Self:
+        """That a file cannot be written, or not into a folder, in the system's own words."""
+        return cls(f"cannot write {path}", where=error.strerror or str(error),
+                   hint="check that the folder is there, that you may write to it, and that there "
+                        "is room")
 
     def render(self) -> str:
         """The error as text for a terminal, without a trailing newline."""

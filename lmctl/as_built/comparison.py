@@ -90,7 +90,8 @@ def compare_with_design(
     designed_mm3 = float(design.inside.sum(dtype=np.float64)) * voxel
     if designed_mm3 <= 0:
         raise InputError("the build and the part have no place in common",
-                         where=f"the part's origin is at {offset.round(3).tolist()} mm")
+                         where=f"the part's origin is at {offset.round(3).tolist()} mm",
+                         hint="compare the run with the part that it was planned from")
     names = [material.name for material in part.materials]
     counted_as = _counted_as(built, names)
     materials = (*names, *(name for name in dict.fromkeys(counted_as) if name not in names))

@@ -225,9 +225,12 @@ def load_calibration(path: Path) -> Calibration:
     try:
         data: Any = json.loads(text)
     except (ValueError, RecursionError) as error:
-        raise ConfigError(f"{path} is not valid JSON", where=str(error)[:200]) from None
+        raise ConfigError(f"{path} is not valid JSON", where=str(error)[:200],
+                          hint="restore it from a copy, or measure again: `lmctl machine "
+                               "feeder-test` makes a new one") from None
     if not isinstance(data, dict):
-        raise ConfigError(f"{path} is no calibration", where="it holds no table")
+        raise ConfigError(f"{path} is no calibration", where="it holds no table",
+                          hint="`lmctl machine feeder-test` makes one")
     if data.get("format") != FORMAT_NAME:
         raise ConfigError(f"{path} is no calibration of a known format",
                           where=f"its format is {str(data.get('format'))[:40]!r}",
@@ -252,5 +255,4 @@ def save_calibration(calibration: Calibration, path: Path) -> None:
                               encoding="utf-8")
         os.replace(unfinished, path)
     except OSError as error:
-        raise ConfigError(f"cannot write {path}", where=str(error.strerror),
-                          hint="is the folder there, and may you write to it?") from None
+        raise ConfigError.cannot_write(path, error) from None

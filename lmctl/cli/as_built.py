@@ -59,8 +59,7 @@ def report_as_built(
             _write(found, title, target, heights)
             print_data(str(target))
     except OSError as error:
-        raise UsageError(f"cannot write {error.filename or output}",
-                         where=str(error.strerror)) from None
+        raise UsageError.cannot_write(error.filename or output, error) from None
 
 
 def copies_of_run(run: str, runs_dir: Path) -> list[str]:
@@ -90,7 +89,8 @@ def compared_with_design(
         for layer in layers:
             if not 1 <= layer <= len(entries):
                 raise UsageError(f"there is no layer {layer}",
-                                 where=f"the job has layers 1 to {len(entries)}")
+                                 where=f"the job has layers 1 to {len(entries)}",
+                                 hint="choose one of them with --layer")
         wanted = layers or ((len(entries) + 1) // 2,)
         layer_mm = entries[1].z_mm - entries[0].z_mm if len(entries) > 1 else entries[0].z_mm
         heights = {
@@ -104,7 +104,8 @@ def compared_with_design(
             raise
         raise JournalError(
             f"{journal} was damaged or altered, and nothing can be compared by it",
-            where=f"line {verified.broken_line}: {verified.reason}") from None
+            where=f"line {verified.broken_line}: {verified.reason}",
+            hint="restore the journal from a copy") from None
 
 
 def _targets(folder: Path, heights: dict[int, float]) -> list[Path]:

@@ -146,7 +146,8 @@ def load_bench(path: Path | None) -> BenchConfig:
         return BenchConfig.parse(text)
     except ValueError as error:
         raise ConfigError(
-            f"{path} does not describe a bench", where=str(error).splitlines()
+            f"{path} does not describe a bench", where=str(error).splitlines(),
+            hint="docs/reference/bench-keys.md lists every key"
         ) from None
 
 

@@ -47,7 +47,7 @@ def choose_cell(
         raise UsageError("which machine?",
                          hint="--machine FILE for a real one, --sim for the simulated one")
     if bench is not None and not sim:
-        raise UsageError("--bench belongs to --sim")
+        raise UsageError("--bench belongs to --sim", hint="add --sim, or leave --bench out")
     return CellChoice(load_profile_or_default(machine, calibrated=calibrated), sim, bench, machine)
 
 

@@ -46,7 +46,7 @@ def _export_part(file: Path, output: Path | None) -> Path:
     try:
         write_volumetric_3mf(open_part(file), target)
     except OSError as error:
-        raise UsageError(f"cannot write {target}", where=str(error.strerror)) from None
+        raise UsageError.cannot_write(target, error) from None
     return target
 
 
@@ -83,6 +83,6 @@ def _write(target: Path, lines: Iterable[str]) -> None:
             file.writelines(f"{line}\n" for line in lines)
         temporary.replace(target)
     except OSError as error:
-        raise UsageError(f"cannot write {target}", where=str(error.strerror)) from None
+        raise UsageError.cannot_write(target, error) from None
     finally:
         temporary.unlink(missing_ok=True)

@@ -67,4 +67,5 @@ def make_folder(folder: Path) -> None:
     except FileExistsError:
         raise UsageError(f"{folder} is a file, not a folder", hint="name another folder") from None
     except OSError as error:
-        raise UsageError(f"cannot make the folder {folder}", where=str(error.strerror)) from None
+        raise UsageError(f"cannot make the folder {folder}", where=str(error.strerror),
+                         hint="name a folder where you may write") from None

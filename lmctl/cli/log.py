@@ -34,7 +34,7 @@ def log(
     RUN is a run's name (run-0001), its folder, or a journal file.
     """
     if as_json + as_csv + verify_only > 1:
-        raise UsageError("--json, --csv and --verify exclude each other")
+        raise UsageError("--json, --csv and --verify exclude each other", hint="give one of them")
     journal = find_journal(run, runs_dir)
     if verify_only:
         _verify(journal)
@@ -125,7 +125,8 @@ def _verify_notes(journal: Path) -> None:
     if found is not None and found.broken_line is not None:
         raise JournalError(
             f"the notes of {journal.parent.name} do not fit their journal, or were altered",
-            where=f"{journal.parent / NOTES_FILE_NAME}, line {found.broken_line}: {found.reason}")
+            where=f"{journal.parent / NOTES_FILE_NAME}, line {found.broken_line}: {found.reason}",
+            hint="restore both from a copy; without notes the journal is as it was")
 
 
 def _put_journal(journal: Path) -> None:

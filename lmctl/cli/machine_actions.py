@@ -272,7 +272,7 @@ def _axes(words: tuple[str, ...]) -> dict[str, float]:
             raise UsageError(f"{word!r} is no axis with a place", hint="write X10 Y-5 Z2.5")
         axis = matched[1].upper()
         if axis in found:
-            raise UsageError(f"{axis} is named twice")
+            raise UsageError(f"{axis} is named twice", hint="give each axis once")
         found[axis] = float(matched[2])
     return found
 

@@ -206,5 +206,5 @@ def _draw(result: FeederTestResult, folder: Path) -> Path:
         folder.mkdir(parents=True, exist_ok=True)
         draw_feeder_test(result, target)
     except OSError as error:
-        raise ConfigError(f"cannot write {target}", where=str(error.strerror)) from None
+        raise ConfigError.cannot_write(target, error) from None
     return target

@@ -45,7 +45,8 @@ def settings(
     """
     if (bool(assignments) + (backup is not None) + (compare is not None)
             + (applied is not None)) > 1:
-        raise UsageError("NUMBER=VALUE, --backup, --compare and --apply exclude each other")
+        raise UsageError("NUMBER=VALUE, --backup, --compare and --apply exclude each other",
+                         hint="give one of them")
     wanted = _wanted(assignments, applied)
     kept = None if compare is None else _kept(compare)
     cell = choose_cell(machine, sim, bench)
@@ -74,7 +75,7 @@ def _wanted(assignments: tuple[str, ...], applied: Path | None) -> dict[int, str
     for word in assignments:
         number, value = parse_setting(word)
         if number in found:
-            raise UsageError(f"${number} is named twice")
+            raise UsageError(f"${number} is named twice", hint="give each setting once")
         found[number] = value
     return found or None
 

@@ -77,7 +77,7 @@ def optimise(
             target.write_text(text_with_values(text, str(part), values), encoding="utf-8")
             data = write_report(problem, state, best, folder)
     except OSError as error:
-        raise UsageError(f"cannot write into {folder}", where=str(error.strerror)) from None
+        raise UsageError.cannot_write(folder, error) from None
     if as_json:
         print_json(data)
         return

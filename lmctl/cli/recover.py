@@ -151,7 +151,8 @@ async def prepare(
             "end",
         ]))
     if not ask_confirmation("go on?", yes):
-        raise UsageError("not recovered: nothing has been sent that moves the machine")
+        raise UsageError("not recovered: nothing has been sent that moves the machine",
+                         hint="the same command asks again")
     standstill_mm = seen.position_mm
     await asyncio.sleep(_LET_GO_S)
     if home:
@@ -296,7 +297,8 @@ def _length(text: str) -> float:
 
 def _is_alarmed(motion: MotionDriver) -> bool:
     if motion.status is None:
-        raise MachineError("the motion controller does not say where it is")
+        raise MachineError("the motion controller does not say where it is",
+                           hint="see `lmctl machine doctor`")
     return motion.status.state == "Alarm"
 
 

@@ -61,7 +61,8 @@ def report(
         raise UsageError("--as-built with .html or .pdf takes a run, and neither --csv nor --json",
                          hint="`lmctl report run-0001 --as-built -o report.html`")
     if not as_built and (layers or data is not None or as_json or copy is not None):
-        raise UsageError("--layer, --copy, --data and --json belong to --as-built")
+        raise UsageError("--layer, --copy, --data and --json belong to --as-built",
+                         hint="add --as-built, or leave them out")
     if run is None:
         if not as_csv:
             raise UsageError("of which run?",
@@ -170,4 +171,4 @@ def _write(target: Path, data: bytes) -> None:
     try:
         target.write_bytes(data)
     except OSError as error:
-        raise UsageError(f"cannot write {target}", where=str(error.strerror)) from None
+        raise UsageError.cannot_write(target, error) from None

@@ -49,7 +49,8 @@ def run(
         raise UsageError("on which machine?",
                          hint="--sim for the simulated one, --machine FILE for a real one")
     if not sim and (bench is not None or speed is not None or faults is not None):
-        raise UsageError("--bench, --speed and --faults belong to --sim")
+        raise UsageError("--bench, --speed and --faults belong to --sim",
+                         hint="add --sim, or leave them out")
     if job.suffix.lower() == ".toml":
         raise UsageError(f"{job} is no job file", hint=f"plan it first: {planning_command(job)}")
     profile = load_profile_or_default(machine)

@@ -118,7 +118,7 @@ def _write_part(
 
             draw_part(part, planes_mm, target)
     except OSError as error:
-        raise UsageError(f"cannot write {target}", where=str(error.strerror)) from None
+        raise UsageError.cannot_write(target, error) from None
 
 
 @interruptible()

@@ -81,7 +81,7 @@ def simulate(
         (folder / "extremes.json").write_text(
             json.dumps(data, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
     except OSError as error:
-        raise UsageError(f"cannot write into {folder}", where=str(error.strerror)) from None
+        raise UsageError.cannot_write(folder, error) from None
     for warning in coarseness_warnings(data):
         print_message(wrapped(f"warning: {warning}"))
     if as_json:

@@ -26,7 +26,7 @@ def read_device_map(path: Path) -> DeviceMap:
         raise MissingFileError.for_path(
             path, hint=f"maps that ship are {' and '.join(SHIPPED_MAPS)}") from None
     except OSError as error:
-        raise ConfigError(f"cannot read {path}", where=str(error.strerror)) from None
+        raise ConfigError.cannot_read(path, error) from None
     except MapFileError as error:
         findings = [Finding(*_key_and_reason(mistake)) for mistake in error.mistakes]
         raise ConfigError.of_findings(

@@ -43,7 +43,7 @@ def read_text(path: Path) -> str:
     """
     try:
         if path.is_dir():
-            raise ConfigError(f"{path} is a folder, not a file")
+            raise ConfigError(f"{path} is a folder, not a file", hint="name the file in it")
         if path.stat().st_size > MAX_FILE_BYTES:
             raise ConfigError(
                 f"{path} is too large for a configuration file",
@@ -54,7 +54,8 @@ def read_text(path: Path) -> str:
             data = file.read(MAX_FILE_BYTES + 1)
         if len(data) > MAX_FILE_BYTES:
             raise ConfigError(f"{path} is too large for a configuration file",
-                              where=f"at most {MAX_FILE_BYTES:,} bytes are read")
+                              where=f"at most {MAX_FILE_BYTES:,} bytes are read",
+                              hint="was a data file given in its place?")
         return data.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
     except FileNotFoundError:
         raise MissingFileError.for_path(path) from None
@@ -64,7 +65,7 @@ def read_text(path: Path) -> str:
             hint="a TOML file is expected here, saved as UTF-8",
         ) from None
     except OSError as error:
-        raise ConfigError(f"cannot read {path}", where=str(error.strerror)) from None
+        raise ConfigError.cannot_read(path, error) from None
 
 
 def parse_toml(text: str, model: type[M], *, name: str) -> M:
@@ -79,15 +80,18 @@ def parse_toml(text: str, model: type[M], *, name: str) -> M:
 def parse_tables(text: str, *, name: str) -> dict[str, Any]:
     """TOML text as plain data, unchecked. Raises ConfigError where it is none."""
     if (count := text.count("\n[[")) > _MOST_TABLES:
-        raise ConfigError(f"{name} has {count:,} tables; at most {_MOST_TABLES:,} are taken")
+        raise ConfigError(f"{name} has {count:,} tables; at most {_MOST_TABLES:,} are taken",
+                          hint="was a data file given in its place?")
     try:
         if _DEEP_KEY.search(text):
             raise RecursionError
         return tomllib.loads(text)
     except RecursionError:
-        raise ConfigError(f"{name} is not valid TOML", where="nested too deeply") from None
+        raise ConfigError(f"{name} is not valid TOML", where="nested too deeply",
+                          hint="was another file given in its place?") from None
     except ValueError as error:  # of its own, and of numbers with thousands of digits
-        raise ConfigError(f"{name} is not valid TOML", where=str(error)[:200]) from None
+        raise ConfigError(f"{name} is not valid TOML", where=str(error)[:200],
+                          hint="correct it there; text stands in quotes, lists in [ ]") from None
 
 
 def validated_model(data: object, model: type[M], *, name: str) -> M:

@@ -64,7 +64,8 @@ def read_as_built(path: Path, materials: tuple[str, ...]) -> AsBuiltComposition:
         with np.load(path, allow_pickle=False) as file:
             if str(file["format"]) != _FORMAT:
                 raise InputError(f"{path} is a voxel map of another kind",
-                                 where=f"{str(file['format'])[:60]!r}, not {_FORMAT!r}")
+                                 where=f"{str(file['format'])[:60]!r}, not {_FORMAT!r}",
+                                 hint="simulate the part again: the simulated run writes the map")
             powders = [str(name) for name in file["powders"]]
             origin = np.asarray(file["origin_mm"], dtype=np.float64)
             voxel = np.asarray(file["voxel_mm"], dtype=np.float64)
@@ -81,7 +82,8 @@ def read_as_built(path: Path, materials: tuple[str, ...]) -> AsBuiltComposition:
     total = own.sum(axis=3)
     empty = total <= 0
     if empty.all():
-        raise InputError(f"{path} has no deposit in it")
+        raise InputError(f"{path} has no deposit in it",
+                         hint="name the map of a run that deposited something")
     share = own / np.where(empty, 1.0, total)[..., None]
     if empty.any():
         nearest = distance_transform_edt(empty, sampling=voxel, return_distances=False,

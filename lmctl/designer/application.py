@@ -111,7 +111,7 @@ class _DesignerActs:
     def verdict(self, given: dict[str, Any]) -> dict[str, Any]:
         layer = given.get("layer")
         if layer is not None and (not isinstance(layer, int) or isinstance(layer, bool)):
-            raise UsageError("layer is a whole number")
+            raise UsageError("layer is a whole number", hint="layers are counted from 1")
         return self._session.verdict(layer)
 
     def _redrawn(self, given: dict[str, Any], changed: bool) -> dict[str, Any]:
@@ -130,21 +130,21 @@ async def _given(request: Request) -> dict[str, Any]:
     except ValueError:
         given = None
     if not isinstance(given, dict):
-        raise UsageError("a request holds one JSON object")
+        raise UsageError("a request holds one JSON object", hint="see docs/designer.md")
     return given
 
 
 def _number(given: dict[str, Any], key: str) -> float:
     value = given.get(key)
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise UsageError(f"{key} is a number")
+        raise UsageError(f"{key} is a number", hint="send a number")
     return float(value)
 
 
 def _view(given: dict[str, Any]) -> SectionView:
     axis = given.get("axis")
     if axis not in (0, 1, 2) or isinstance(axis, bool):
-        raise UsageError("axis is 0, 1 or 2")
+        raise UsageError("axis is 0, 1 or 2", hint="send 0 for x, 1 for y, 2 for z")
     return SectionView(int(axis), _number(given, "at_mm"))
 
 
@@ -152,5 +152,5 @@ def _path(given: dict[str, Any]) -> KeyPath:
     path = given.get("path")
     if not isinstance(path, list) or not path or not all(
             isinstance(key, str | int) and not isinstance(key, bool) for key in path):
-        raise UsageError("path is a list of keys")
+        raise UsageError("path is a list of keys", hint="send the keys one by one")
     return tuple(path)

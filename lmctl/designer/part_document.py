@@ -105,14 +105,14 @@ class PartDocument:
             temporary.write_text(text, encoding="utf-8")
             temporary.replace(self.path)
         except OSError as error:
-            raise UsageError(f"cannot write {self.path}", where=str(error.strerror)) from None
+            raise UsageError.cannot_write(self.path, error) from None
         finally:
             temporary.unlink(missing_ok=True)
         self._saved = text
 
     def _step(self, source: list[str], target: list[str], what: str) -> None:
         if not source:
-            raise UsageError(f"there is nothing to {what}")
+            raise UsageError(f"there is nothing to {what}", hint="change a number first")
         target.append(self.text)
         self._document = _parsed(source.pop(), self.path)
         self._last_path = None
@@ -140,7 +140,8 @@ def _parsed(text: str, path: Path) -> tomlkit.TOMLDocument:
     try:
         return tomlkit.parse(text)
     except TOMLKitError as error:
-        raise ConfigError(f"{path} is not valid TOML", where=str(error)[:200]) from None
+        raise ConfigError(f"{path} is not valid TOML", where=str(error)[:200],
+                          hint="correct it in an editor, then load it again") from None
 
 
 def _value(document: Any, path: Sequence[str | int]) -> Any:
@@ -156,7 +157,8 @@ def _value(document: Any, path: Sequence[str | int]) -> Any:
 
 def _refuse_no_number(value: Any, path: KeyPath) -> None:
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise UsageError(f"{'.'.join(map(str, path))} is no number")
+        raise UsageError(f"{'.'.join(map(str, path))} is no number",
+                         hint="only numbers and mixtures are moved here; edit the file itself")
 
 
 def _set_shares(mixture: Any, material: str | int, value: float) -> None:

@@ -79,9 +79,7 @@ def write_template(name: str, folder: Path) -> list[Path]:
             write_nominal_bar(written[-2])
             write_worn_bar(written[-1])
     except OSError as error:
-        raise UsageError(
-            f"cannot write the template into {folder}", where=str(error.strerror)
-        ) from None
+        raise UsageError.cannot_write(folder, error) from None
     return written
 
 

@@ -31,7 +31,8 @@ def solve_eikonal(
     raises : InputError where no node is frozen
     """
     if not frozen.any():
-        raise InputError("no node of the grid has a distance to start from")
+        raise InputError("no node of the grid has a distance to start from",
+                         hint="give the grid a finer pitch")
     np.copyto(distance, np.float32(np.inf), where=~frozen)
     state = np.where(_beside(frozen), ACTIVE, INACTIVE).astype(np.uint8)
     state[frozen] = FROZEN

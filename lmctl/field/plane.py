@@ -77,7 +77,8 @@ def _check_plane(values: NDArray[np.float32], grid: PlaneGrid, level: float) -> 
     if values.shape != grid.shape:
         raise ValueError(f"values of shape {values.shape} on a plane of shape {grid.shape}")
     if np.isnan(values).any():
-        raise InputError("the distance in a section is not a number somewhere", where=where)
+        raise InputError("the distance in a section is not a number somewhere", where=where,
+                         hint="check the scan or mesh for damage, or give a larger pitch_mm")
     edge = max(values[0].max(), values[-1].max(), values[:, 0].max(), values[:, -1].max())
     if edge > level:
         raise InputError(

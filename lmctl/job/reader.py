@@ -41,9 +41,10 @@ class JobReader:
         except FileNotFoundError:
             raise MissingFileError.for_path(self._path) from None
         except IsADirectoryError:
-            raise JobError(f"{self._path} is a folder, not a job file") from None
+            raise JobError(f"{self._path} is a folder, not a job file",
+                           hint="name the job file in it") from None
         except OSError as error:
-            raise JobError(f"cannot read {self._path}", where=str(error.strerror)) from None
+            raise JobError.cannot_read(self._path, error) from None
         try:
             self._open()
         except BaseException:

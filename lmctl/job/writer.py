@@ -40,7 +40,8 @@ class JobWriter:
 
     def __enter__(self) -> Self:
         if self._path.is_dir():
-            raise JobError(f"{self._path} is a folder, not a file name")
+            raise JobError(f"{self._path} is a folder, not a file name",
+                           hint="name a file in it with -o")
         try:
             self._file = self._temporary.open("xb+")
             self._zip = zipfile.ZipFile(self._file, "w", zipfile.ZIP_STORED)
@@ -135,8 +136,7 @@ class JobWriter:
         self._temporary.unlink(missing_ok=True)
 
     def _cannot_write(self, error: OSError) -> JobError:
-        return JobError(f"cannot write {self._path}", where=str(error.strerror or error),
-                        hint="check that the folder exists, is writable and has room")
+        return JobError.cannot_write(self._path, error)
 
 
 def _sync_folder(folder: Path) -> None:

@@ -193,7 +193,8 @@ class RunExecutor:
         """
         live = self._live
         if live is None:
-            raise UsageError("cannot refill now: the run has not begun")
+            raise UsageError("cannot refill now: the run has not begun",
+                             hint="refill when the run has begun, or before it, by hand")
         refilling = live.sequence.refilling
         if lot:
             end_refill(live.machine, refilling, hopper, lot, mass_g)
@@ -216,7 +217,8 @@ class RunExecutor:
         """
         self._override_range.check(percent)
         if self.state in {*FINAL_STATES, RunState.FINISHING, RunState.STOPPING, RunState.TRIPPED}:
-            raise UsageError(f"cannot override now: the run is {self.state}")
+            raise UsageError(f"cannot override now: the run is {self.state}",
+                             hint="override while it deposits or is held")
         self._override_percent = percent
         if self._live is not None:
             self._live.course.set_override(percent)
@@ -276,7 +278,8 @@ class RunExecutor:
                 listening_socket(made.path) as control, JobReader(made.job) as job,
             ):
                 if job.digest != digest:
-                    raise JobError(f"{self._job_path} changed while it was read")
+                    raise JobError(f"{self._job_path} changed while it was read",
+                                   hint="run the job again when it is no longer written to")
                 hoppers = _hoppers_of(job, self._profile)
                 first = run_header(job, self._profile, hoppers, self._operator, self._continues)
                 here = local_header(made.run, self._profile)

@@ -90,7 +90,8 @@ def read_token(path: Path) -> str:
     except FileNotFoundError:
         raise MissingFileError.for_path(path) from None
     except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"cannot read the token in {path}", where=str(error)) from None
+        raise ConfigError(f"cannot read the token in {path}", where=str(error),
+                          hint="check that it is there and that you may read it") from None
     wrong = []
     if mode & (stat.S_IRWXG | stat.S_IRWXO):
         wrong.append(f"others can read it: `chmod 600 {path}`")
@@ -100,7 +101,9 @@ def read_token(path: Path) -> str:
     if not token.isascii() or not token.isprintable() or " " in token:
         wrong.append("a token is printable ASCII without spaces")
     if wrong:
-        raise ConfigError(f"{path} holds no usable token", where=wrong)
+        raise ConfigError(f"{path} holds no usable token", where=wrong,
+                          hint=f"write a random one into it: `openssl rand -hex 24 > {path}`, and "
+                          "let nobody else read it")
     return token
 
 

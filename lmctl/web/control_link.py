@@ -32,7 +32,8 @@ class ControlLink:
         # A process that is stopped takes no more connections: connecting may wait for seconds.
         connection = await asyncio.to_thread(connect_to_run, self._folder)
         if connection is None:
-            raise JournalError(f"{self._folder.name} is not under way")
+            raise JournalError(f"{self._folder.name} is not under way",
+                               hint="`lmctl recover` goes on with a run that ended")
         self._reader, self._writer = await asyncio.open_unix_connection(
             sock=connection, limit=_MAX_ANSWER_BYTES)
         return self

@@ -80,7 +80,8 @@ class JobLayers:
         """
         if not 1 <= number <= len(self._first_lines):
             raise UsageError(f"the job has no layer {number}",
-                             where=self.problem or f"it has {len(self._first_lines)} layers")
+                             where=self.problem or f"it has {len(self._first_lines)} layers",
+                             hint="choose one of its layers")
         layer = self._layer(number - 1)
         assert layer is not None
         lines, packer = layer.lines, ColumnPacker()

@@ -48,7 +48,8 @@ async def report_as_html_apart(journal: Path) -> bytes:
                 await process.wait()
         if process.returncode:
             raise JournalError("no report can be made of this run",
-                               where=reason.decode("utf-8", "replace").splitlines()[-3:])
+                               where=reason.decode("utf-8", "replace").splitlines()[-3:],
+                               hint="`lmctl report` in a terminal says more")
         return page
 
 

@@ -103,7 +103,8 @@ class DashRoutes:
     async def _layer(self, request: Request) -> Any:
         watch = await self._catalogue.watch(request.path_params["run"])
         if watch.job is None:
-            raise JournalError(f"the job of {watch.folder.run} cannot be read")
+            raise JournalError(f"the job of {watch.folder.run} cannot be read",
+                               hint="see that the job is still beside the run, as job.lmj")
         return await asyncio.to_thread(watch.job.layer_as_json, request.path_params["layer"])
 
     async def _report(self, request: Request) -> Any:

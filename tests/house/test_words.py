@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import re
 
 from tests.house.names import PACKAGES, ROOT, public_names
@@ -44,3 +45,24 @@ def test_a_decision_says_what_and_why_and_is_in_the_index() -> None:
         headings = [line for line in text.splitlines() if line.startswith("## ")]
         assert headings in (["## What", "## Why"], ["## What", "## Why", "## Measured"]), name
         assert len(text.splitlines()) <= 50, f"{name} is longer than a screen"
+
+
+#: Doors for programs: what they say of a wrong request is what a right one looks like.
+DOORS = ("lmctl/run/control/server.py", "lmctl/web/rest.py", "lmctl/web/operator_seat.py")
+
+
+def test_every_error_says_what_to_do_next() -> None:
+    """An error without a hint leaves its reader alone with what went wrong."""
+    kinds = {"UsageError", "InputError", "MachineError", "JournalError", "ConfigError", "JobError",
+             "PlanError", "MissingFileError", "RunFailedError", "RunInterruptedError",
+             "RunStoppedError"}
+    silent = []
+    for path in sorted((ROOT / "lmctl").rglob("*.py")):
+        name = path.relative_to(ROOT).as_posix()
+        for call in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(call, ast.Call) and isinstance(call.func, ast.Name) and (
+                    call.func.id in kinds) and name not in DOORS:
+                keys = {keyword.arg for keyword in call.keywords}
+                if not keys & {"hint", "findings", None}:
+                    silent.append(f"{name}:{call.lineno}")
+    assert silent == []

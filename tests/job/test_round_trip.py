@@ -137,7 +137,9 @@ def test_layers_join_in_time_and_flow(tmp_path, layer, manifest, part_text, spoi
     ("first_path", "first_line", "reason"),
     [(7, 6, "paths are not numbered on from 1"), (1, 12, "lines are not numbered on")],
 )
-def test_packed_layers_join_in_paths_and_lines(tmp_path, layer, first_path, first_line, reason):
+def test_packed_layers_join_in_paths_and_lines(
+    tmp_path, layer, manifest, part_text, first_path, first_line, reason
+):
     one = layer(1)
     paths = np.where(one.lines["path"] < 0, -1, first_path)
     lines = one.lines.copy()
@@ -145,22 +147,26 @@ def test_packed_layers_join_in_paths_and_lines(tmp_path, layer, first_path, firs
     program = tuple(f"N{first_line + at} G1 X{at}.000 Y0.000 F600 S0" for at in range(6))
     packed = pack_layer(dataclasses.replace(
         one, lines=lines, program=program, first_line=first_line), first_path)
-    with pytest.raises(ValueError, match=reason), JobWriter(tmp_path / "a.lmj") as job:
+    with JobWriter(tmp_path / "a.lmj") as job:
         job.add_layer(layer(0))
-        job.add_packed_layer(packed)
+        with pytest.raises(ValueError, match=reason):
+            job.add_packed_layer(packed)
+        job.add_layer(layer(1))
+        job.finish(manifest(), part_text)
 
 
 def test_what_a_planner_must_not_forget(tmp_path, layer, manifest, part_text):
-    """Whatever is missing, no file is left."""
     path = tmp_path / "a.lmj"
     with pytest.raises(ValueError, match="was not finished"), JobWriter(path) as job:
         job.add_layer(layer(0))
     with pytest.raises(ValueError, match="at least one layer"), JobWriter(path) as job:
         job.finish(manifest(), part_text)
-    with pytest.raises(ValueError, match="part_sha256"), JobWriter(path) as job:
+    with JobWriter(path) as job:
         job.add_layer(layer(0))
-        job.finish(manifest(), part_text + "#")
-    assert os.listdir(tmp_path) == []
+        with pytest.raises(ValueError, match="part_sha256"):
+            job.finish(manifest(), part_text + "#")
+        job.finish(manifest(), part_text)
+    assert os.listdir(tmp_path) == ["a.lmj"]
 
 
 @pytest.mark.parametrize(

@@ -185,7 +185,7 @@ def test_a_feed_of_nothing_in_text_and_table(check):
     rows = [*ROWS]
     rows[4] = ("G1 X21 Y10 Z1 F0 S0", LineKind.LEAD, (21, 10, 1), 0, 0, 0.11)
     rows[5] = ("G1 X21.5 Y10.25 F600 S500", *ROWS[5][1:])
-    with pytest.raises(JobError, match="line 4 .*the program moves at F0"):
+    with pytest.raises(JobError, match=r"line 4 .*the program moves at F0"):
         check(layer_of(rows))
 
 

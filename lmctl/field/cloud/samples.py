@@ -73,7 +73,8 @@ def clean_samples(
     """
     points = np.asarray(points, dtype=np.float64)
     if points.ndim != 2 or points.shape[1] != 3:
-        raise InputError("the point cloud is not a list of x, y, z")
+        raise InputError("the point cloud is not a list of x, y, z",
+                         hint="export points as rows of x, y and z")
     where = f"{len(points)} points"
     bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
     if len(bad):

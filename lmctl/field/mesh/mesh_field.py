@@ -34,7 +34,8 @@ def mesh_field(
     corners, copies = unique_triangles(_corners(vertices, triangles, grid))
     sources, surface_mm, triangle = seed_triangles(corners, grid)
     if len(surface_mm) == 0:
-        raise InputError("the mesh lies outside its grid", where=_place(len(triangles), grid))
+        raise InputError("the mesh lies outside its grid", where=_place(len(triangles), grid),
+                         hint="give a grid around the mesh")
     values = propagate_closest_points(sources, surface_mm, grid)
     refine_to_closest(sources, values, triangle, corners, grid)
     lost, disputed = negate_outside(values, corners, grid)
@@ -65,9 +66,12 @@ def _corners(vertices: FloatArray, triangles: NDArray[np.integer], grid: Grid) -
     if vertices.ndim != 2 or vertices.shape[1] != 3 or triangles.ndim != 2 or (
         triangles.shape[1] != 3
     ):
-        raise InputError("the mesh is not a list of triangles", where=where)
+        raise InputError("the mesh is not a list of triangles", where=where,
+                         hint="give corners as rows of x, y, z and triangles as rows of three "
+                              "corners")
     if len(triangles) == 0:
-        raise InputError("the mesh has no triangles", where=where)
+        raise InputError("the mesh has no triangles", where=where,
+                         hint="export it again, as a mesh")
     if triangles.min() < 0 or triangles.max() >= len(vertices):
         raise InputError(
             "a triangle of the mesh names a vertex that is not there", where=where,

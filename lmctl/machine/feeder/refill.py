@@ -105,5 +105,6 @@ class HopperRefill:
             is_later, ORDER_TIMEOUT_S, f"hopper {hopper} was not read", faulty=True)
         status = self._cycle.status
         if status is None:
-            raise MachineError(f"hopper {hopper} was not read")
+            raise MachineError(f"hopper {hopper} was not read",
+                               hint="see whether the feeder answers: `lmctl machine status`")
         return status.hoppers[hopper]

@@ -66,7 +66,8 @@ def check_jog(jog: JogRequest, motion: MotionDriver, limits: MotionSettings) -> 
         if not low <= value <= high
     ]
     if outside:
-        raise UsageError("the jog would leave the machine's travel", where=outside)
+        raise UsageError("the jog would leave the machine's travel", where=outside,
+                         hint="jog less far, or the other way")
     return target
 
 

@@ -56,7 +56,8 @@ def parse_setting(text: str) -> tuple[int, str]:
     if described := _DESCRIBED.fullmatch(value):
         value = described[1]
     if len(value) > _MAX_VALUE:
-        raise UsageError(f"the value of ${matched[1]} is longer than {_MAX_VALUE} characters")
+        raise UsageError(f"the value of ${matched[1]} is longer than {_MAX_VALUE} characters",
+                         hint="give the value alone")
     if not value.isascii() or not value.isprintable() or _REALTIME & set(value):
         raise UsageError(
             f"the value of ${matched[1]} holds a character that a controller does not take as text",
@@ -76,7 +77,7 @@ def write_settings_file(path: Path, settings: Mapping[int, str], comments: list[
         raise UsageError(f"{path} is there already", hint="a backup is never written over: name "
                          "another file") from None
     except OSError as error:
-        raise UsageError(f"cannot write {path}", where=str(error.strerror)) from None
+        raise UsageError.cannot_write(path, error) from None
 
 
 def is_same_value(kept: str, reported: str) -> bool:

@@ -44,7 +44,8 @@ def read_alloy_map(file: DataFile, powders: tuple[str, ...]) -> AlloyMap:
     lines = [(number, line) for number, line in enumerate(text.splitlines(), start=1)
              if line.strip() and not line.lstrip().startswith("#")]
     if not lines:
-        raise InputError(f"{file.path} has no rows", where="only blank lines and comments")
+        raise InputError(f"{file.path} has no rows", where="only blank lines and comments",
+                         hint="export the map again")
     if len(lines) > _MOST_ROWS:
         raise InputError(f"{file.path} has too many rows", where=f"{len(lines):,}; at most "
                          f"{_MOST_ROWS:,}", hint="compute the map with a coarser step")
@@ -64,7 +65,9 @@ def read_alloy_map(file: DataFile, powders: tuple[str, ...]) -> AlloyMap:
             flags.append(_WORDS[cells[flag].lower()])
         except (ValueError, IndexError, KeyError):
             raise InputError(f"{file.path}, line {number}: no mixture with 0 or 1",
-                             where=repr(line[:80])) from None
+                             where=repr(line[:80]),
+                             hint="each row states the volume fractions, and 1 where the mixture "
+                                  "is forbidden") from None
     return _checked(file, powders, np.array(rows).reshape(-1, len(powders)), np.array(flags, bool))
 
 
@@ -73,7 +76,8 @@ def _checked(
 ) -> AlloyMap:
     """Every cell of the map once, on one step."""
     if len(rows) < 2 or not np.isfinite(rows).all():
-        raise InputError(f"{file.path} has too few mixtures", where=f"{len(rows)} rows of numbers")
+        raise InputError(f"{file.path} has too few mixtures", where=f"{len(rows)} rows of numbers",
+                         hint="list all mixtures of the powders in steps of one fraction")
     m, steps = len(powders), 1
     while comb(steps + m - 1, m - 1) < len(rows):
         steps += 1

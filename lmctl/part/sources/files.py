@@ -49,7 +49,7 @@ def read_data_file(name: str, folder: Path) -> DataFile:
     try:
         found = path.stat()
         if stat.S_ISDIR(found.st_mode):
-            raise InputError(f"{path} is a folder, not a file")
+            raise InputError(f"{path} is a folder, not a file", hint="name the file in it")
         if not stat.S_ISREG(found.st_mode):
             raise InputError(f"{path} is not a plain file", hint="copy the data into a file")
         if found.st_size == 0:
@@ -66,7 +66,7 @@ def read_data_file(name: str, folder: Path) -> DataFile:
             path, "names in a part file are relative to its folder"
         ) from None
     except OSError as error:
-        raise InputError(f"cannot read {path}", where=str(error.strerror)) from None
+        raise InputError.cannot_read(path, error) from None
     return DataFile(path, _unmarked(data), hashlib.sha256(data).hexdigest())
 
 
@@ -78,7 +78,7 @@ def _unmarked(data: bytes) -> bytes:
 
 def _resolve(name: str, folder: Path) -> Path:
     if "\0" in name:
-        raise InputError(f"{name!r} is not a file name")
+        raise InputError(f"{name!r} is not a file name", hint="name a file beside the part file")
     asked = Path(name)
     if asked.is_absolute():
         return asked
@@ -86,7 +86,8 @@ def _resolve(name: str, folder: Path) -> Path:
         home = folder.resolve()
         resolved = (home / asked).resolve()
     except (OSError, RuntimeError):  # RuntimeError: links that run in a circle
-        raise InputError(f"cannot follow the path {name}") from None
+        raise InputError(f"cannot follow the path {name}",
+                         hint="its links run in a circle: name the file itself") from None
     if not resolved.is_relative_to(home):
         raise InputError(
             f"{name} leads out of the part file's folder",

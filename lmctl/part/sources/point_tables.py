@@ -48,7 +48,8 @@ def read_point_table(file: DataFile) -> PointTable:
     lines = _text(file).splitlines()
     rows = [number for number, line in enumerate(lines) if not _is_comment(line)]
     if not rows:
-        raise InputError(f"{file.path} has no points", where="only blank lines and comments")
+        raise InputError(f"{file.path} has no points", where="only blank lines and comments",
+                         hint="export it again")
     if re.match(r"(?i)\s*ncols\b", lines[rows[0]]):
         raise unreadable_file(file, "it is a grid of heights (ESRI), not a list of points",
                          "export points as x, y and z")

@@ -79,6 +79,6 @@ def _write(target: Path, pieces: Iterable[str]) -> None:
             file.writelines(pieces)
         temporary.replace(target)
     except OSError as error:
-        raise UsageError(f"cannot write {target}", where=str(error.strerror)) from None
+        raise UsageError.cannot_write(target, error) from None
     finally:
         temporary.unlink(missing_ok=True)

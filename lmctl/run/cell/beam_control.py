@@ -57,7 +57,9 @@ class BeamControl:
                 return
             if any(_PARSER_STATE.fullmatch(line) for line in said):
                 raise MachineError("the controller did not arm the beam at zero",
-                                   where=f"it says {' '.join(said)} after M4 S0")
+                                   where=f"it says {' '.join(said)} after M4 S0",
+                                   hint="reset the controller, then resume; see `lmctl machine "
+                                        "doctor`")
         raise MachineError(
             "the controller's answers are unreadable: it is not known whether the beam is at zero",
             where=f"it says {' '.join(said) or 'nothing readable'} to $G",

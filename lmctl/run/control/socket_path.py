@@ -51,7 +51,8 @@ def open_listening_socket(folder: Path) -> socket.socket:
         return listening
     except OSError as error:
         raise JournalError(f"no control socket can be made for {folder.name}",
-                           where=f"{path}: {error.strerror or error}") from None
+                           where=f"{path}: {error.strerror or error}",
+                           hint="choose a folder of runs on a local disk with --runs") from None
 
 
 def connect_to_run(folder: Path) -> socket.socket | None:

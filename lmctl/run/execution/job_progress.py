@@ -106,7 +106,9 @@ class JobProgress:
         self._work = segments.create(self._begins_at, None, self.override_percent)
         if self._work is None:
             raise JobError("no bead of this job is left to lay",
-                           where=f"from {self._begins_at.place}")
+                           where=f"from {self._begins_at.place}",
+                           hint="the part is deposited as far as its job goes: nothing is to be "
+                                "recovered")
 
     def continue_after_hold(self) -> bool:
         """A hold ends: prepare to resume from the place reached; False where no bead is left."""

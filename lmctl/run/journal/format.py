@@ -162,7 +162,9 @@ def line_hashes(path: Path) -> Iterator[tuple[int, str]]:
     found = verify_journal(path)
     if not found.intact or not found.records:
         raise JournalError(f"{path} is not what was written",
-                           where=found.reason or "it holds no record")
+                           where=found.reason or "it holds no record",
+                           hint="restore it from a copy; `lmctl log --verify` shows how much is "
+                                "whole")
     for number, (line, finished) in enumerate(_lines(path), start=1):
         if finished:
             yield number, line_hash(line)
@@ -181,7 +183,7 @@ def last_record(path: Path) -> dict[str, Any] | None:
     except FileNotFoundError:
         raise MissingFileError.for_path(path, _LISTS) from None
     except OSError as error:
-        raise JournalError(f"cannot read {path}", where=str(error.strerror)) from None
+        raise JournalError.cannot_read(path, error) from None
     end = tail.rfind(b"\n")
     return _parse(tail[tail.rfind(b"\n", 0, end) + 1 : end]) if end >= 0 else None
 
@@ -213,7 +215,8 @@ def _record(path: Path, number: int, line: bytes) -> dict[str, Any]:
     if number == 1:
         _check_version(path, record)
     if record is None or (number == 1 and record.get("format") != FORMAT_NAME):
-        raise JournalError(f"{path} is not a run journal", where=f"line {number}")
+        raise JournalError(f"{path} is not a run journal", where=f"line {number}",
+                           hint="name the folder of a run, or its journal.jsonl")
     return record
 
 
@@ -268,7 +271,7 @@ def _lines(path: Path) -> Iterator[tuple[bytes, bool]]:
     except FileNotFoundError:
         raise MissingFileError.for_path(path, _LISTS) from None
     except OSError as error:
-        raise JournalError(f"cannot read {path}", where=str(error.strerror)) from None
+        raise JournalError.cannot_read(path, error) from None
 
 
 def _lines_of(file: BinaryIO, path: Path) -> Iterator[tuple[bytes, bool]]:
@@ -277,6 +280,7 @@ def _lines_of(file: BinaryIO, path: Path) -> Iterator[tuple[bytes, bool]]:
             yield line[:-1], True
         elif len(line) == MAX_LINE_BYTES:
             raise JournalError(f"{path} is not a run journal",
-                               where=f"a line is longer than {MAX_LINE_BYTES:,} bytes")
+                               where=f"a line is longer than {MAX_LINE_BYTES:,} bytes",
+                               hint="name the folder of a run, or its journal.jsonl")
         else:
             yield line, False

@@ -90,11 +90,14 @@ def create_run_folder(runs_dir: Path, job: Path) -> RunFolder:
             path.mkdir()
         except FileExistsError:
             if not path.exists():  # it is runs_dir that is in the way
-                raise JournalError(f"{runs_dir} is not a folder") from None
+                raise JournalError(f"{runs_dir} is not a folder",
+                                   hint="name a folder for runs with --runs") from None
             number += 1
             continue
         except OSError as error:
-            raise JournalError(f"cannot make {path}", where=str(error.strerror)) from None
+            raise JournalError(f"cannot make {path}", where=str(error.strerror),
+                               hint="check that the folder is there, can be written to and has "
+                                    "room") from None
         break
     made = RunFolder(path)
     try:
@@ -104,7 +107,7 @@ def create_run_folder(runs_dir: Path, job: Path) -> RunFolder:
         _make_durable(runs_dir)
     except OSError as error:
         discard_run_folder(made)
-        raise JobError(f"cannot copy the job {job}", where=str(error.strerror)) from None
+        raise JobError.cannot_write(made.job, error) from None
     return made
 
 
@@ -182,4 +185,4 @@ def run_names(runs_dir: Path) -> list[str]:
         raise JournalError(f"{runs_dir} is not a folder",
                            hint="--runs names a folder of runs") from None
     except OSError as error:
-        raise JournalError(f"cannot read {runs_dir}", where=str(error.strerror)) from None
+        raise JournalError.cannot_read(runs_dir, error) from None

@@ -40,9 +40,10 @@ class JournalWriter:
         try:
             self._fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND, 0o644)
         except FileExistsError:
-            raise JournalError(f"there already is a journal {path}", where=_owner(path)) from None
+            raise JournalError(f"there already is a journal {path}", where=_owner(path),
+                               hint="choose another folder of runs with --runs") from None
         except OSError as error:
-            raise JournalError(f"cannot write {path}", where=str(error.strerror)) from None
+            raise JournalError.cannot_write(path, error) from None
         # Others may read a journal while it grows; who would write it must hold this lock. Only
         # `is_owned` elsewhere can hold it now, for an instant, so waiting is right.
         fcntl.flock(self._fd, fcntl.LOCK_EX)
@@ -68,8 +69,7 @@ class JournalWriter:
                 while data:
                     data = data[os.write(self._fd, data):]
             except OSError as error:
-                raise JournalError(f"cannot write {self.path}", where=str(error.strerror),
-                                   hint="is the disk full?") from None
+                raise JournalError.cannot_write(self.path, error) from None
 
     def sync(self) -> None:
         """Return when every record so far is on the disk."""
@@ -77,7 +77,7 @@ class JournalWriter:
         try:
             os.fdatasync(self._fd)
         except OSError as error:
-            raise JournalError(f"cannot write {self.path}", where=str(error.strerror)) from None
+            raise JournalError.cannot_write(self.path, error) from None
 
     def seal(self, t_s: float, **fields: Any) -> None:
         """Add the last record and make the whole journal durable."""
