@@ -338,8 +338,7 @@ class BodyTree:
             case config.BooleanBody():
                 numbers = [self._number[name] for name in body.of]
                 return self._joint_rule(body.kind, numbers, in_place=in_place)
-        raise InputError(f"it is not said of what {self._extents.display_names([number])} is",
-                         hint="give it a composition")
+        raise AssertionError(f"body {number} has no composition: the part file is checked for that")
 
     def _has_rule(self, number: int) -> bool:
         body = self._part.body[number]

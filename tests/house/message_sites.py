@@ -28,10 +28,10 @@ from tests.house.source_modules import (
 
 PACKAGES = ("lmctl", "firmware_protocol")
 #: Texts of bugs in lmctl itself: no user is to see them, and no test can bring them about. The
-#: last one is a warning in the end.
+#: last ones are told in other words: of a connection by what it showed, of normals as a warning.
 _BUGS = frozenset({"AssertionError", "NotImplementedError", "RuntimeError", "KeyError",
                    "IndexError", "AttributeError", "TypeError", "UnicodeDecodeError",
-                   "UnusableNormalsError"})
+                   "ConnectionError", "TimeoutError", "UnusableNormalsError"})
 #: Where the message is among the arguments, by the name that is called, and its keyword.
 _ARGUMENT = {"Finding": (1, "reason"), "report_mistake": (1, "reason")}
 

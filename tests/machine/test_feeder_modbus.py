@@ -3,6 +3,7 @@
 import asyncio
 
 import pytest
+from pymodbus.framer import FramerRTU
 
 from lmctl.config.modbus_device import ModbusDevice
 from lmctl.errors import ConfigError, MachineError
@@ -175,6 +176,42 @@ def test_no_request_writes_more_than_the_protocol_allows():
             await link.exchange(0, [0] * 122, 0, 1)
 
     linked("tcp", act)
+
+
+def test_an_answer_that_states_fewer_registers_than_it_has_is_none():
+    def state_one_less(data, deliver):
+        frame = data[:2] + bytes([data[2] - 2]) + data[3:-2]
+        deliver(frame + FramerRTU.compute_CRC(frame).to_bytes(2, "big"))
+
+    async def main():
+        server = await serve_pty(PmxFeederDevice(CONFIG, asyncio.get_running_loop().time))
+        link = await ModbusLink.open(ModbusDevice(endpoint=server.endpoint), timeout_s=0.5)
+        server.edge.add_filter("to_host", state_one_less)
+        try:
+            with pytest.raises(NoReplyError) as refused:
+                await link.read_input(0, 4)
+        finally:
+            await link.close()
+            await server.close()
+        return refused.value.what
+
+    assert "answers with 3 registers where 4 were asked for" in virtual_time.run_in_virtual_time(
+        main())
+
+
+def test_input_registers_that_no_holding_register_shows_cannot_be_read_without_code_04():
+    async def main():
+        server = await serve_tcp(PmxFeederDevice(CONFIG, asyncio.get_running_loop().time))
+        link = await ModbusLink.open(
+            ModbusDevice(endpoint=server.endpoint, function_codes=(3, 16)), timeout_s=0.5)
+        try:
+            with pytest.raises(ValueError, match="register 6 is shown by no holding register"):
+                await link.read_input(6, 1)
+        finally:
+            await link.close()
+            await server.close()
+
+    virtual_time.run_in_virtual_time(main())
 
 
 def test_requests_of_several_tasks_do_not_mix():

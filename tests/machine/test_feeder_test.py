@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+import itertools
+from dataclasses import replace
 
 import pytest
 
+from firmware_protocol.catch_scale import FULL_BLOCK, ScaleStatusBits
 from firmware_protocol.pmx import FeederStateCode
 from firmware_protocol.registers import WordOrder
 from lmctl.config.measuring import ScaleSettings
@@ -14,6 +17,7 @@ from lmctl.machine.measuring.scale_lag import measure_scale_lag
 from lmctl.machine.measuring.step_plan import plan_steps
 from lmctl.machine.scale.driver import CatchScaleDriver
 from simulators.feeder.config import FeederConfig
+from simulators.modbus_errors import ExceptionReplyError, RequestIgnoredError
 from simulators.modbus_server import serve_tcp
 from simulators.scale.config import ScaleConfig
 from simulators.scale.device import SimulatedCatchScale
@@ -84,6 +88,12 @@ def test_a_wrong_weight_and_none_are_reported() -> None:
     async def heavy(cell):
         await measure_scale_lag(cell.scale, Hands(cell.pan), 5000.0)
 
+    async def left_on(cell):
+        hands = Hands(cell.pan)
+        hands.take_off_weight = hands.put_on_weight  # the wrong way round
+        await measure_scale_lag(cell.scale, hands, 100.0)
+
+    assert "the weight is still on it" in refused(left_on)
     assert "95.00 g for the weight of 100 g" in refused(wrong)
     assert "no weight of 100 g came" in refused(nobody)
     assert "too much" in refused(heavy)
@@ -105,7 +115,68 @@ def after(seconds: float, what) -> object:
     return act
 
 
+def spoilt(pan: SimulatedCatchScale, row: str, value: int) -> None:
+    """From now on a register of the scale holds a value of its own."""
+    words = pan._words
+
+    def forged() -> list[int]:
+        return FULL_BLOCK.encode(FULL_BLOCK.decode(words()) | {row: value})
+
+    pan._words = forged
+
+
+def not_tared(cell) -> None:
+    def refuse(address, words):
+        raise ExceptionReplyError(4)
+
+    cell.pan.write = refuse
+
+
+def shaken_by_the_tare(cell) -> None:
+    tare = cell.pan.write
+
+    def then_shake(address, words):
+        tare(address, words)
+        spoilt(cell.pan, "STATUS", int(ScaleStatusBits.SELF_TEST_OK))
+
+    cell.pan.write = then_shake
+
+
+def drifts_when_powder_stops(cell) -> None:
+    stop = cell.device._stop_discs
+
+    def then_drift(time_s):
+        if cell.device.discs_on:
+            cell.pan.config = replace(cell.pan.config, drift_g_min=5.0)
+        stop(time_s)
+
+    cell.device._stop_discs = then_drift
+
+
+def answers_every_fifth_time(cell) -> None:
+    asked, words = itertools.count(), cell.pan._words
+
+    def mostly_lost() -> list[int]:
+        if next(asked) % 4:
+            raise RequestIgnoredError
+        return words()
+
+    cell.pan._words = mostly_lost
+
+
+def no_gas(cell) -> None:
+    cell.device.is_gas_ok = lambda _: False
+
+
 @pytest.mark.parametrize(("words", "act", "config"), [
+    ("its self-test failed", after(1.0, lambda cell: spoilt(cell.pan, "STATUS", 0)), ScaleConfig()),
+    ("it is overloaded", whole_test, ScaleConfig(capacity_g=100.0)),
+    ("does not come to rest before the tare", whole_test, ScaleConfig(noise_g=1.0)),
+    ("does not come to rest after the tare", after(0.5, shaken_by_the_tare), ScaleConfig()),
+    ("it does not tare: it cannot", after(0.5, not_tared), ScaleConfig()),
+    ("drifts by", after(0.5, drifts_when_powder_stops), ScaleConfig()),
+    ("too few readings before the test", after(0.5, answers_every_fifth_time), ScaleConfig()),
+    ("carrier gas has stopped", after(50.0, no_gas), ScaleConfig()),
     ("drifts by", whole_test, ScaleConfig(drift_g_min=0.5)),
     ("shows 120.0 g", whole_test, ScaleConfig(tare_works=False)),
     ("it holds 5 g", whole_test, ScaleConfig(capacity_g=5.0, pan_g=0.0)),
@@ -162,6 +233,25 @@ def test_another_device_and_another_word_order_are_no_scale() -> None:
         finally:
             await server.close()
 
+    async def other_map() -> None:
+        async with measuring_cell() as cell:
+            spoilt(cell.pan, "MAP_VERSION", 9 << 8)
+            await CatchScaleDriver.open(cell.scale._settings)
+
+    async def silent() -> None:
+        async with measuring_cell() as cell:
+            cell.pan.set_silent()
+            await CatchScaleDriver.open(cell.scale._settings)
+
+    async def absent() -> None:
+        await CatchScaleDriver.open(ScaleSettings(endpoint="modbus-tcp://127.0.0.1:1"))
+
+    for opening, told in ((other_map, "map 9.0; map 1 is known"), (absent, "catch scale: "),
+                          (silent, "catch scale: it does not answer")):
+        with pytest.raises(MachineError) as caught:
+            run_in_virtual_time(opening())
+        assert told in caught.value.render()
+        assert caught.value.hint
     with pytest.raises(MachineError, match="no CSC scale"):
         run_in_virtual_time(other())
     with pytest.raises(MachineError, match="word order"):

@@ -76,6 +76,12 @@ def test_bounds_ignore_scattered_nodes_that_are_off(ball: DistanceField) -> None
     assert low[2] == pytest.approx(-5, abs=0.15)
 
 
+def test_a_field_without_inside_has_no_bounds(ball: DistanceField) -> None:
+    empty = DistanceField(ball.grid, -np.abs(ball.values) - 0.1, None, ball.surface_mm)
+    with pytest.raises(ValueError, match="without inside has no bounds"):
+        zero_level_bounds(empty)
+
+
 def test_a_narrow_body_has_bounds_too(ball: DistanceField) -> None:
     low, high = zero_level_bounds(ball, least_area_mm2=1e6)
     assert low == pytest.approx([-5, -5, -5], abs=1e-5)

@@ -81,10 +81,10 @@ def told(error: LmctlError, facts: tuple[str, ...]) -> None:
         ('combine = "intersection"\n' + block_file((9, 9, 9)) + HALF.format(name="b", z=4)
          + '[[body]]\nkind = "shell"\nof = "b"\nto_mm = 1\n', {},
          ("the shell of 'b' has no end", "cut it with a body that has one")),
-        ('combine = "union"\n' + STEEL + HALF.format(name="a", z=4) + HALF.format(name="c", z=9)
-         + '[[body]]\nname = "b"\nkind = "union"\nof = ["a", "c"]\n'
-         + '[[body]]\nkind = "box"\nlow_mm = [0, 0, 0]\nhigh_mm = [9, 9, 9]\n', {},
-         ("has no end", "cut")),
+        ('combine = "intersection"\n' + block_file((9, 9, 9)) + HALF.format(name="a", z=4)
+         + HALF.format(name="c", z=9) + '[[body]]\nname = "b"\nkind = "union"\nof = ["a", "c"]\n'
+         + '[[body]]\nkind = "moved"\nof = "b"\nby_mm = [1, 0, 0]\n', {},
+         ("the union of 'a', 'c' has no end", "cut its half-spaces")),
         (STEEL + f'[[body]]\nkind = "mesh"\nfile = "{"m" * 300}.stl"\nunits = "mm"\n', {},
          ("cannot read", "File name too long")),
     ],

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import io
+import sys
 
 import lib3mf
 import numpy as np
 import pytest
 from PIL import Image
 
-from lmctl.errors import ConfigError, InputError
+from lmctl.errors import ConfigError, InputError, UsageError
 from lmctl.part.load import load_part
 from lmctl.report.volumetric_3mf import write_volumetric_3mf
 from tests.part_files import block_file
@@ -32,7 +33,8 @@ def points_inside(n=500, margin=0.5):
 
 
 def write_boxes(path, fractions, *, unit=None, transform=None, to_unit=None, tile="Clamp",
-                filtered="Linear", channel="red", names=("316L", "WC-12Co"), sheets=None):
+                filtered="Linear", channel="red", names=("316L", "WC-12Co"), sheets=None,
+                offsets=(0.0, 0.0), copies=1, cut=0):
     """A file of a 12 × 9 × 4 box with stacks of 8-bit images. fractions : (m, nx, ny, nz)"""
     wrapper = lib3mf.get_wrapper()
     model = wrapper.CreateModel()
@@ -59,10 +61,12 @@ def write_boxes(path, fractions, *, unit=None, transform=None, to_unit=None, til
             file = io.BytesIO()
             pixels = np.rint(values[:, ::-1, k].T * 255).astype(np.uint8)
             Image.fromarray(pixels if sheets is None else sheets).save(file, "png")
-            stack.CreateSheetFromBuffer(k, f"/3D/volumetric/m{at}/s{k}.png", file.getvalue())
+            data = file.getvalue()[cut:]
+            stack.CreateSheetFromBuffer(k, f"/3D/volumetric/m{at}/s{k}.png", data)
         function = model.AddFunctionFromImage3D(stack)
         style = getattr(lib3mf.TextureTileStyle, tile)
         function.SetTileStyles(style, style, style)
+        function.SetOffset(offsets[at])
         function.SetFilter(getattr(lib3mf.TextureFilter, filtered))
         found = volume.AddPropertyFromFunction(f"volume fraction of {name}", function)
         found.SetChannelName(channel)
@@ -75,7 +79,8 @@ def write_boxes(path, fractions, *, unit=None, transform=None, to_unit=None, til
     if transform is not None:
         for axis in range(3):
             item.Fields[3][axis] = transform[axis]
-    model.AddBuildItem(mesh, item)
+    for _ in range(copies):
+        model.AddBuildItem(mesh, item)
     path.write_bytes(bytes(bytearray(model.QueryWriter("3mf").WriteToBuffer())))
 
 
@@ -177,6 +182,11 @@ def test_a_mixture_elsewhere_than_its_body_is_refused(tmp_path):
     (lambda path: write_boxes(path, halves(), channel="heat"), "its channel is 'heat'"),
     (lambda path: path.write_bytes(path.read_bytes()[:400]), "cannot be read as 3MF"),
     (lambda path: path.write_bytes(b"solid nothing"), "cannot be read as 3MF"),
+    (lambda path: write_boxes(path, halves(), cut=9), "sheet 1 is no image"),
+    (lambda path: write_boxes(path, [halves()[0], halves(8)[1]]), "sampled on different voxels"),
+    (lambda path: write_boxes(path, halves(), offsets=(0.2, -0.2)),
+     "a volume fraction in mixture.3mf is -0.200 at"),
+    (lambda path: write_boxes(path, halves(), copies=2), "builds its solid 2 times"),
 ])
 def test_damaged_files_are_refused_in_words(tmp_path, change, words):
     write_boxes(tmp_path / "mixture.3mf", halves())
@@ -184,6 +194,43 @@ def test_damaged_files_are_refused_in_words(tmp_path, change, words):
     with pytest.raises(InputError) as refused:
         load_part(written(tmp_path, SAMPLED))
     assert words in refused.value.render()
+
+
+def test_a_mixture_that_a_function_computes_is_refused(tmp_path):
+    write_boxes(tmp_path / "mixture.3mf", halves())
+    model = lib3mf.get_wrapper().CreateModel()
+    model.QueryReader("3mf").ReadFromFile(str(tmp_path / "mixture.3mf"))
+    meshes = model.GetMeshObjects()
+    meshes.MoveNext()
+    volume = meshes.GetCurrentMeshObject().GetVolumeData()
+    function = model.AddImplicitFunction()
+    half = function.AddConstantNode("half", "half", "")
+    half.SetConstant(0.5)
+    function.AddOutput("shape", "one half", lib3mf.ImplicitPortType.Scalar)
+    function.AddLinkByNames("half.value", "outputs.shape")
+    volume.RemoveProperty(0)
+    volume.AddPropertyFromFunction("volume fraction of 316L", function)
+    (tmp_path / "mixture.3mf").write_bytes(
+        bytes(bytearray(model.QueryWriter("3mf").WriteToBuffer())))
+    with pytest.raises(InputError, match="is computed by a function, not stored") as refused:
+        load_part(written(tmp_path, SAMPLED))
+    assert "stack of images" in refused.value.hint
+
+
+def test_more_voxels_than_are_read_are_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr("lmctl.part.sources.volumetric_3mf.MAX_VOXELS", 20)
+    write_boxes(tmp_path / "mixture.3mf", halves())
+    with pytest.raises(InputError, match="has 24 voxels") as refused:
+        load_part(written(tmp_path, SAMPLED))
+    assert "at most 20" in refused.value.where[0]
+
+
+def test_without_lib3mf_it_is_said_what_to_install(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "lib3mf", None)
+    (tmp_path / "mixture.3mf").write_bytes(b"PK")
+    with pytest.raises(UsageError, match="needs the package lib3mf") as refused:
+        load_part(written(tmp_path, SAMPLED))
+    assert "lmctl[3mf]" in refused.value.hint
 
 
 def test_a_file_without_volumetric_data_is_refused(tmp_path):

@@ -11,7 +11,6 @@ import asyncio
 from collections import deque
 
 from firmware_protocol.pmx import FeederCommandBits, HopperStatusBits
-from lmctl.errors import MachineError
 from lmctl.machine.feeder.orders import ORDER_TIMEOUT_S, FeederOrders
 from lmctl.machine.feeder.polling import FeederPolling
 from lmctl.machine.feeder.readings import HopperReading
@@ -104,7 +103,5 @@ class HopperRefill:
         await self._cycle.wait_until(
             is_later, ORDER_TIMEOUT_S, f"hopper {hopper} was not read", faulty=True)
         status = self._cycle.status
-        if status is None:
-            raise MachineError(f"hopper {hopper} was not read",
-                               hint="see whether the feeder answers: `lmctl machine status`")
+        assert status is not None, "it was waited for"
         return status.hoppers[hopper]

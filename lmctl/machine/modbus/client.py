@@ -47,6 +47,7 @@ _REMEDIES = {
                      "machine profile",
     ILLEGAL_VALUE: "if it moves fewer registers in one request, write max_registers for it into "
                    "the machine profile",
+    FAILURE: "see its own display: a switch at LOCAL, an alarm or a trip keeps it from obeying",
 }
 
 #: Exceptions that pass by themselves: of busy devices, and of gateways that did not reach theirs.
@@ -87,7 +88,7 @@ class ModbusExceptionError(MachineError):
     def __init__(self, endpoint: str, code: int) -> None:
         super().__init__(
             f"{_MEANINGS.get(code, 'it answers with an exception')} (Modbus exception {code:02d})",
-            where=endpoint, hint=_REMEDIES.get(code, ""),
+            where=endpoint, hint=_REMEDIES.get(code, "see its own display"),
         )
         self.code = code
 
@@ -251,7 +252,7 @@ class ModbusLink:
         if len(answer.registers) != count:
             raise NoReplyError(
                 f"it answers with {len(answer.registers)} registers where {count} were asked for",
-                where=self.endpoint,
+                where=self.endpoint, hint="is it the device of the machine profile?",
             )
         return answer.registers
 

@@ -38,9 +38,7 @@ def combined_outline(
 
     region, inverted = _region(
         expression.formula, [_outline(leaf, z_mm, plane) for leaf in expression.leaves])
-    if inverted:
-        raise InputError("the bodies leave a section without end", where=f"at z = {z_mm:.2f} mm",
-                         hint="cut them with a body that has one")
+    assert not inverted, "loading refuses a part without end"
     if region.is_empty():
         return []
     close = max(SLIT_PITCHES * plane.pitch_mm, slit_mm)

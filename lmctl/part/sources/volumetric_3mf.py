@@ -142,10 +142,7 @@ def _property(
     if function is None or not hasattr(function, "GetImage3D"):
         raise InputError(f"{file.path}: property {name!r} is computed by a function, not stored",
                          hint="export it sampled, as a stack of images")
-    stack = images.get(function.GetImage3D().GetUniqueResourceID())
-    if stack is None or not hasattr(stack, "GetSheetCount"):
-        raise InputError(f"{file.path}: property {name!r} has no stack of images",
-                         hint="export it again")
+    stack = images[function.GetImage3D().GetUniqueResourceID()]
     values = _voxels(stack, one.GetChannelName(), f"{file.path}: property {name!r}")
     values = (values * function.GetScale() + function.GetOffset()).astype(np.float32)
     styles = function.GetTileStyles()

@@ -44,8 +44,7 @@ class MappedFeederLink:
         self, link: ModbusLink, device: DeviceMap, feeder: FeederSettings,
         hoppers: Sequence[HopperSettings],
     ) -> None:
-        if device.feeder is None:
-            raise ValueError(f"{device.name} is no feeder")
+        assert device.feeder is not None, "profiles are checked for that"
         self._link = link
         self._device = device
         self._feeder = feeder
@@ -128,8 +127,7 @@ class MappedFeederLink:
     ) -> Sequence[int]:
         """Write, then read in the mirror of the input registers."""
         first = read_address - MIRROR_ADDRESS
-        if not 0 <= first < MAX_READ_REGISTERS:
-            raise ValueError(f"register {read_address} has no place in {self._device.name}")
+        assert 0 <= first < MAX_READ_REGISTERS, "only the mirror is read in an exchange"
         async with self._one_at_a_time:
             await self._write(write_address, words)
             return (await self._mirror(first + count))[first:]
@@ -147,7 +145,7 @@ class MappedFeederLink:
             if len(words) == self._recipe.count:
                 await self._set_recipe(words)
         else:
-            raise ValueError(f"register {address} has no place in {self._device.name}")
+            raise AssertionError(f"register {address} is none that a feeder is driven by")
 
     async def close(self) -> None:
         """Disconnect. Gas whose post-flow this host was timing goes off with it."""
