@@ -89,9 +89,9 @@ def compare_with_design(
     filled = (volumes.sum(axis=0) / np.float32(voxel)).astype(np.float32)
     designed_mm3 = float(design.inside.sum(dtype=np.float64)) * voxel
     if designed_mm3 <= 0:
-        raise InputError("the build and the part have no place in common",
-                         where=f"the part's origin is at {offset.round(3).tolist()} mm",
-                         hint="compare the run with the part that it was planned from")
+        raise InputError("no voxel lies in the part",
+                         where=f"voxels are {built.voxel_mm.round(3).tolist()} mm long",
+                         hint="lower voxel_mm of the bench, and run the job again")
     names = [material.name for material in part.materials]
     counted_as = _counted_as(built, names)
     materials = (*names, *(name for name in dict.fromkeys(counted_as) if name not in names))

@@ -9,7 +9,6 @@ import click
 from click.shell_completion import CompletionItem
 
 from lmctl.cli.console import print_data
-from lmctl.errors import UsageError
 from lmctl.reference.key_row import FILE_KINDS, KIND_OF_TABLE, KeyRow
 
 SHELLS = ("bash", "zsh", "fish")
@@ -97,8 +96,6 @@ def completion(context: click.Context, shell: str) -> None:
     from click.shell_completion import get_completion_class
 
     maker = get_completion_class(shell)
-    if maker is None:
-        raise UsageError(f"there is no completion for {shell!r}",
-                         hint=f"there is one for {', '.join(SHELLS)}")
+    assert maker is not None, "click knows every one of them"
     made = maker(context.find_root().command, {}, "lmctl", "_LMCTL_COMPLETE")
     sys.stdout.write(made.source_template % made.source_vars())

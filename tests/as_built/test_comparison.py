@@ -148,6 +148,13 @@ def test_a_powder_that_the_part_does_not_know_is_foreign(bar, job, perfect):
     assert found.summary.by_volume.within[0.05] == pytest.approx(0.05, abs=0.02)
 
 
+def test_voxels_larger_than_the_part(bar, job, perfect):
+    coarse = replace(perfect, voxel_mm=np.full(3, 400.0))
+    with pytest.raises(InputError, match="no voxel lies in the part") as refused:
+        compare_with_design(coarse, bar, job)
+    assert "voxel_mm" in refused.value.hint
+
+
 def test_a_build_far_from_its_part(bar, job, perfect):
     far = replace(perfect, origin_mm=perfect.origin_mm + 1e5)
     with pytest.raises(InputError, match="too far apart"):

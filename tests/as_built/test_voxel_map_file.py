@@ -62,6 +62,7 @@ def test_all_that_is_wrong_comes_at_once(tmp_path):
         ({"format": None}, "its format is not voxel-map-1"),
         ({"powders": np.array([1.0, 2.0])}, "powders is not text"),
         ({"powders": np.array(["A", "A"])}, "powders are not different names"),
+        ({"line": np.array(["1"] * 6)}, "line is not of numbers"),
         ({"voxel_mm": np.array([0.5, 0.0, 0.5])}, "voxel_mm is not above 0"),
         ({"deposited_mm3": -np.ones((2, 3, 4, 5))}, "deposited_mm3 is below 0"),
         ({"deposited_mm3": np.full((2, 3, 4, 5), np.nan)}, "holds values that are no numbers"),

@@ -93,6 +93,36 @@ def test_all_mistakes_are_reported_at_once(tmp_path: Path) -> None:
         assert key in told
 
 
+def test_coupons_that_no_powder_makes_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "calibration.json"
+    caught = CatchCalibration(mass_shares={"316L": 1.0}, conditions=conditions(),
+                              efficiency=value(0.7, 0.02), fed_g=40.0, deposited_g=28.0)
+    melted = DilutionCalibration(material="316L", substrate="S355", conditions=conditions(),
+                                 energy_J_mm=100.0, dilution=value(0.3, 0.02))
+    save_calibration(calibration(catch=(caught,), dilution=(melted,)), path)
+    data = json.loads(path.read_text())
+    data["catch"][0]["mass_shares"]["316L"] = 0.6
+    data["catch"][0]["efficiency"] = {"value": 1.2, "low": 1.1, "high": 1.3}
+    data["dilution"][0]["dilution"] = {"value": 1.2, "low": 1.1, "high": 1.3}
+    path.write_text(json.dumps(data))
+    with pytest.raises(ConfigError) as refused:
+        load_calibration(path)
+    told = refused.value.render()
+    assert "catch[1]: mass_shares do not add up to 1; an efficiency of 1.2 is not within" in told
+    assert "dilution[1]: a dilution of 1.2 is not within 0 and 1" in told
+
+
+def test_a_hopper_has_one_calibration(tmp_path: Path) -> None:
+    path = tmp_path / "calibration.json"
+    save_calibration(calibration(), path)
+    data = json.loads(path.read_text())
+    data["hopper"] *= 2
+    path.write_text(json.dumps(data))
+    with pytest.raises(ConfigError, match="mistake") as refused:
+        load_calibration(path)
+    assert "two calibrations of hopper A" in refused.value.render()
+
+
 @pytest.mark.parametrize(("text", "words"), [
     ("{", "valid JSON"), ("[]", "no table"), ("{}", "known format"),
 ])

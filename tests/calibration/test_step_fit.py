@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -86,3 +88,10 @@ def test_no_weight_and_no_steps_are_refused() -> None:
         fit_scale_lag(np.arange(50.0), np.zeros(50), 100.0, 0.01)
     with pytest.raises(ValueError, match="two steps"):
         fit_feeder_response(weighed_steps(0, steps=1), SCALE_LAG)
+
+
+def test_readings_that_end_before_the_last_step_are_refused() -> None:
+    steps = weighed_steps(0)
+    short = replace(steps, time_s=steps.time_s[:30], mass_g=steps.mass_g[:30])
+    with pytest.raises(ValueError, match="do not reach over the steps"):
+        fit_feeder_response(short, SCALE_LAG)

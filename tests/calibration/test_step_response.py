@@ -62,5 +62,7 @@ def test_mass_grows_by_the_flow() -> None:
 
 
 def test_a_history_runs_forward() -> None:
+    with pytest.raises(ValueError, match="a time for each level"):
+        SetpointHistory(np.array([1.0, 2.0]), np.array([1.0]))
     with pytest.raises(ValueError, match="must rise"):
         SetpointHistory(np.array([1.0, 1.0]), np.array([1.0, 2.0]))

@@ -9,6 +9,7 @@ import pytest
 
 from lmctl.design.as_built import read_as_built
 from lmctl.design.part_model import build_model
+from lmctl.errors import InputError
 from lmctl.part.load import load_measured_part
 
 PART = """name = "bar"
@@ -72,3 +73,27 @@ def test_voxels_have_their_own_place_and_empty_ones_the_nearest_mixture(tmp_path
         of(np.array([[1.0, 3, 1], [3.0, 3, 1], [7.9, 3, 1], [-5.0, 0, 0]])),
         [[0.75, 0.25], [1, 0], [1, 0], [0.75, 0.25]])
     assert of.void_share(np.array([[1.0, 3, 1], [3.0, 3, 1], [7.9, 3, 1]])) == pytest.approx(2 / 3)
+
+
+@pytest.mark.parametrize(
+    ("materials", "filled", "changes", "facts"),
+    [
+        (("316L", "IN625"), 1.0, {}, ("nothing of IN625 was built", "WC-12Co", "of this part?")),
+        (("316L",), 0.0, {}, ("has no deposit in it", "deposited something")),
+        (("316L",), 1.0, {"format": np.str_("voxel-map-9")},
+         ("of another kind", "voxel-map-9", "simulate the part again")),
+        (("316L",), 1.0, {"powders": None}, ("is no voxel map", "powders", "[process]")),
+    ],
+)
+def test_maps_that_nothing_can_be_simulated_of(
+    materials: tuple[str, ...], filled: float, changes: dict, facts: tuple[str, ...],
+    tmp_path: Path,
+) -> None:
+    write_map(tmp_path / "m.npz", np.full((3, 4, 3, 2), filled, dtype=np.float32))
+    with np.load(tmp_path / "m.npz") as file:
+        arrays = {name: value for name, value in ({**file} | changes).items() if value is not None}
+    np.savez(tmp_path / "m.npz", **arrays)
+    with pytest.raises(InputError) as refused:
+        read_as_built(tmp_path / "m.npz", materials)
+    for fact in facts:
+        assert fact in refused.value.render(), refused.value.render()
