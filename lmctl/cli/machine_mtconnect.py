@@ -33,5 +33,5 @@ def devices_xml(machine: Path | None, output: Path | None) -> None:
     try:
         output.write_text(text, encoding="utf-8")
     except OSError as error:
-        raise UsageError(f"cannot write {output}", where=str(error.strerror)) from None
+        raise UsageError.cannot_write(output, error) from None
     print_data(str(output))
