@@ -60,14 +60,18 @@ def line(heat, start, end, start_s, end_s, power_W, volume_mm3):
         one(volume_mm3 * heat.capacity_J_mm3_K[0]), one(volume_mm3 * heat.conductivity_W_mm_K[0]))
 
 
-def test_heat_is_neither_made_nor_lost():
-    """Insulated, through slabs that retire to deep cells: all that was absorbed is in the body."""
-    heat = heat_of(block(plate="contact_W_m2_K = 0", process="surface_loss_W_m2_K = 0"))
+@pytest.mark.parametrize("name", ["316L", "WC-12Co"])
+@pytest.mark.parametrize("aside_mm", [0.0, 0.331])
+def test_heat_is_neither_made_nor_lost(name, aside_mm):
+    """Insulated, through slabs that retire to deep cells, of a poor and of the best conductor, with
+    beads that graze other columns: all that was absorbed is in the body."""
+    heat = heat_of(block(plate="contact_W_m2_K = 0", process="surface_loss_W_m2_K = 0").replace(
+        "316L", name))
     part = temperature_of(heat)
-    for _ in range(24):
+    for layer in range(24):
         part.begin_layer()
-        begin = part.time_s
-        beads = line(heat, (2, 9), (18, 11), begin, begin + 2, 300, 20)
+        begin, y = part.time_s, 9 + layer % 3 * aside_mm
+        beads = line(heat, (2, y), (18, y + 2), begin, begin + 2, 300, 20)
         part.advance(begin + 3, beads, np.empty(0), np.empty((0, 2)))
     assert part.heat_content_J() == pytest.approx(24 * 600, rel=2e-3)
 
@@ -83,6 +87,7 @@ def test_a_spot_on_a_thick_plate_cools_as_the_half_space():
     times = np.repeat([4.0, 8.0, 16.0], len(places))
     read = part.advance(20.0, line(heat, spot, (10.02, 10.0), 0.0, 0.2, energy_J / 0.2, 0.05),
                         times, np.tile(places, (3, 1)))
+    assert part.heat_content_J() == pytest.approx(energy_J, rel=1e-3)
     a, c = heat.diffusivity_mm2_s[0], heat.capacity_J_mm3_K[0]
     t, r2 = times - 0.1, np.tile(((places - spot) ** 2).sum(axis=1), 3)
     known = energy_J / (4 * c * (np.pi * a * t) ** 1.5) * np.exp(-r2 / (4 * a * t))
@@ -102,7 +107,7 @@ def test_a_copy_goes_on_by_itself():
     heat = heat_of(block())
     part = temperature_of(heat)
     part.begin_layer()
-    beads = line(heat, (2, 9), (18, 11), 0.0, 2.0, 300, 20)
+    beads = line(heat, (2, 9), (18, 11), 0.0, 2.0, 400, 20)
     other = part.copy()
     hot = other.advance(3.0, beads, np.array([2.5]), np.array([[10.0, 10.0]]))
     cold = part.advance(3.0, NO_LINES, np.array([2.5]), np.array([[10.0, 10.0]]))
@@ -136,5 +141,5 @@ def test_readings_agree_with_a_finer_solution(planned):
                                manifest.totals["layer_height_mm"], 2.0, at_s, place_mm, 1.334 / 3)
     # a tenth of the rise, or the 5 K of a good thermocouple
     off = np.abs(found_C - fine_C) / np.maximum(fine_C - plate.at_C, 50.0)
-    assert (off <= 0.1).mean() >= 0.85
+    assert (off <= 0.1).mean() >= 0.9
     assert found_C.max() > 250

@@ -12,6 +12,8 @@ from lmctl.field.kernel import inner_kernel, kernel
 
 #: Cells hold thousands of kelvin to a thousandth; half as wide numbers are twice as fast.
 CELL_FLOAT = np.float32
+#: Cells that hold less are as slow as if they held so much: slivers at the edge of a bead [J/K].
+LEAST_J_K = 1e-9
 
 
 @dataclass
@@ -19,10 +21,12 @@ class CellBody:
     """Slabs of cells, [slab, y, x], with one slab and one column without content beyond each end.
 
     Slab 0 below the lowest has no content; its temperature and `up_W_K` are those of what the body
-    rests on.
+    rests on. Temperatures are counted from the table's, of which all begins: so what is far from
+    the beam holds 0 exactly, and no heat is lost in rounding.
 
     n : slabs in use, 1 to n
-    temperature_C, volume_mm3, capacity_J_K : of each cell
+    rise_K, volume_mm3, capacity_J_K : of each cell, its temperature above the table's
+    inverse_K_J : one over its capacity, or over `LEAST_J_K`
     conductivity_mm3 : conductivity times volume [W mm²/K]
     cover : share of the cell's area that is covered, [0, 1]
     east_W_K, north_W_K, up_W_K : conductance to the next cell in x, in y, and above
@@ -31,9 +35,10 @@ class CellBody:
     """
 
     n: int
-    temperature_C: FloatArray
+    rise_K: FloatArray
     volume_mm3: FloatArray
     capacity_J_K: FloatArray
+    inverse_K_J: FloatArray
     conductivity_mm3: FloatArray
     cover: FloatArray
     east_W_K: FloatArray
@@ -51,20 +56,21 @@ class CellBody:
 
     def arrays(self) -> tuple[FloatArray, ...]:
         """What kernels change."""
-        return (self.temperature_C, self.volume_mm3, self.capacity_J_K, self.conductivity_mm3,
-                self.cover, self.east_W_K, self.north_W_K, self.up_W_K, self.loss_W_K)
+        return (self.rise_K, self.volume_mm3, self.capacity_J_K, self.inverse_K_J,
+                self.conductivity_mm3, self.cover, self.east_W_K, self.north_W_K, self.up_W_K,
+                self.loss_W_K)
 
 
-def empty_body(slabs: int, dx_mm: FloatArray, dy_mm: FloatArray, at_C: float) -> CellBody:
+def empty_body(slabs: int, dx_mm: FloatArray, dy_mm: FloatArray) -> CellBody:
     """A body without content, with room for so many slabs."""
     shape = (slabs + 2, len(dy_mm), len(dx_mm))
-    values: list[Any] = [np.zeros(shape, CELL_FLOAT) for _ in range(9)]
-    values[0][:] = at_C
+    values: list[Any] = [np.zeros(shape, CELL_FLOAT) for _ in range(10)]
     return CellBody(0, *values, dx_mm=dx_mm, dy_mm=dy_mm)  # type: ignore[misc]
 
 
 def connect_body(body: CellBody, loss_W_mm2_K: float) -> None:
-    """Find all conductances anew, but those to what the body rests on."""
+    """Find all conductances anew, but those to what the body rests on, and inverse capacities."""
+    np.divide(1.0, np.maximum(body.capacity_J_K, LEAST_J_K), out=body.inverse_K_J)
     connect_cells(
         body.volume_mm3, body.conductivity_mm3, body.cover, body.east_W_K, body.north_W_K,
         body.up_W_K, body.loss_W_K, body.dx_mm, body.dy_mm, body.n, loss_W_mm2_K)
@@ -129,20 +135,21 @@ def connect_cell(
 
 @inner_kernel
 def conduct(
-    t: FloatArray, t_new: FloatArray, capacity: FloatArray, east: FloatArray, north: FloatArray,
-    up: FloatArray, loss: FloatArray, first: int, last: int, j0: int, j1: int, ambient_C: float,
-    lasting_s: float,
+    t: FloatArray, t_new: FloatArray, inverse: FloatArray, east: FloatArray, north: FloatArray,
+    up: FloatArray, loss: FloatArray, first: int, last: int, j0: int, j1: int, ambient_K: float,
+    now: float, before: float, lasting_s: float,
 ) -> None:
-    """One explicit step of slabs first to last, rows j0 to j1 − 1.
+    """One stage of a step, of slabs first to last, rows j0 to j1 − 1.
 
+    t_new : temperatures two stages ago, and the new ones: now · t + before · t_new + lasting_s · dt
     Rows are gone through as one, columns without content included: they conduct nothing, and long
     loops are several times as fast.
     """
     ny, nx = t.shape[1], t.shape[2]
-    own, new, c = t.reshape(-1), t_new.reshape(-1), capacity.reshape(-1)
+    own, new, i = t.reshape(-1), t_new.reshape(-1), inverse.reshape(-1)
     e, n, u, s = east.reshape(-1), north.reshape(-1), up.reshape(-1), loss.reshape(-1)
-    surroundings, step_s = np.float32(ambient_C), np.float32(lasting_s)
-    least_J_K = np.float32(1e-9)  # of cells without content, which gain nothing
+    surroundings, step_s = np.float32(ambient_K), np.float32(lasting_s)
+    of_now, of_before = np.float32(now), np.float32(before)
     # unsigned indices are never counted from the end, which lets the loop run in vectors
     one, row, slab = np.uint64(1), np.uint64(nx), np.uint64(ny * nx)
     for k in range(first, last + 1):
@@ -152,4 +159,4 @@ def conduct(
                     + n[m] * (own[m + row] - here) + n[m - row] * (own[m - row] - here)
                     + u[m] * (own[m + slab] - here) + u[m - slab] * (own[m - slab] - here)
                     + s[m] * (surroundings - here))
-            new[m] = here + step_s * gain / max(c[m], least_J_K)
+            new[m] = of_now * here + of_before * new[m] + step_s * gain * i[m]

@@ -1,8 +1,8 @@
 """The cells in which a part's temperature is computed: in the plane, and coarser ones below.
 
 Near the top of the part and of the plate around it, cells are about a bead wide. What lies deeper
-than `FINE_SLABS` slabs below the top is kept in cells three times as wide and four slabs thick:
-heat that reaches the top from there has spread farther than that.
+than `FINE_SLABS` slabs below the top is kept in cells twice as wide and two slabs thick: heat that
+reaches the top from there has spread farther than that.
 """
 
 from __future__ import annotations
@@ -13,10 +13,10 @@ import numpy as np
 
 from lmctl.array_types import FloatArray, IndexArray
 
-#: Slabs of the part, or of the plate, that are kept in fine cells.
-FINE_SLABS = 8
+#: Most slabs, of the part or of the plate, that are kept in fine cells.
+FINE_SLABS = 5
 #: Fine slabs that make one coarse one.
-SLABS_PER_COARSE = 3
+SLABS_PER_COARSE = 2
 #: Cells are as wide as heat spreads in this time, √(a t), and not below a bead [s]: in the material
 #: that conducts worst, and in less time in the one that conducts best, where steps grow short.
 _SPREADING_S, _LEAST_SPREADING_S = 1.0, 0.08

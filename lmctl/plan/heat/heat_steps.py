@@ -1,8 +1,5 @@
 """Advance a part's temperature in time: beads are deposited, heat spreads, places are read.
 
-Heat conduction in finite volumes, explicit in time: T += dt/C · Σ G (T_neighbour − T)
-(S. V. Patankar, Numerical Heat Transfer and Fluid Flow, 1980, chapter 4).
-
 A bead's heat and material are divided over the four nearest columns, on two lines within its
 strip, so that strips side by side fill columns evenly. Places are read from the four nearest
 columns. This blurs what is nearer than a cell: places are meant to be read when the beam is some
@@ -17,10 +14,12 @@ import numpy as np
 
 from lmctl.array_types import FloatArray, IndexArray
 from lmctl.field.kernel import inner_kernel, kernel
-from lmctl.plan.heat.cell_body import conduct, connect_cell
+from lmctl.plan.heat.cell_body import LEAST_J_K, connect_cell
+from lmctl.plan.heat.heat_stages import step_deep_cells, step_fine_cells
 
-#: Columns that a bead has filled are connected anew every so many steps: it takes most of the time.
-CONNECT_EVERY = 3
+#: What a step deposits, its cells have from the step's begin on, so what was read at its begin
+#: counts for so much of the step later.
+_READ_LATER = 0.5
 
 
 @dataclass(frozen=True)
@@ -67,44 +66,47 @@ NO_LINES = BeadLines(*(np.zeros((0, 2)) for _ in range(2)), *(np.zeros(0) for _ 
 
 @kernel
 def advance_cells(
-    t: FloatArray, t_new: FloatArray, volume: FloatArray, capacity: FloatArray,
-    conductivity: FloatArray, cover: FloatArray, east: FloatArray, north: FloatArray,
-    up: FloatArray, loss: FloatArray, dx: FloatArray, dy: FloatArray, n: int, part_from: int,
-    box: IndexArray, cover_before: FloatArray, volume_before: FloatArray,
-    deep_t: FloatArray, deep_new: FloatArray, deep_capacity: FloatArray, deep_east: FloatArray,
-    deep_north: FloatArray, deep_up: FloatArray, deep_loss: FloatArray, deep_n: int,
-    coarse_x: IndexArray, coarse_y: IndexArray,
-    origin: FloatArray, cell_mm: float, layer_mm: float, loss_W_mm2_K: float, ambient_C: float,
-    now_s: float, until_s: float, step_s: float, deep_every: int,
-    places: FloatArray, times: FloatArray, amounts: FloatArray,
-    read_s: FloatArray, read_mm: FloatArray, read_C: FloatArray,
+    fine: tuple[FloatArray, ...], fine_new: FloatArray, deep: tuple[FloatArray, ...],
+    deep_new: FloatArray, dx: FloatArray, dy: FloatArray, n: int, deep_n: int, part_from: int,
+    box: IndexArray, cover_before: FloatArray, volume_before: FloatArray, coarse_x: IndexArray,
+    coarse_y: IndexArray, origin: FloatArray, cell_mm: float, layer_mm: float,
+    loss_W_mm2_K: float, ambient_K: float, now_s: float, until_s: float, step_s: float,
+    stages: int, deep_stages: int, places: FloatArray, times: FloatArray, amounts: FloatArray,
+    read_s: FloatArray, read_mm: FloatArray, read_K: FloatArray,
 ) -> None:
     """Advance the fine cells and the deep ones from `now_s` to `until_s`, in equal steps.
 
-    t .. loss : arrays of `CellBody` of the fine cells, slabs 1 to n; those from `part_from` on hold
-        part only; t_new : workspace of the same shape, halo equal
+    fine, deep : `CellBody.arrays` of the fine cells, slabs 1 to n, and of those that slab 1 rests
+        on, 1 to deep_n; fine slabs from `part_from` on hold part only
+    fine_new, deep_new : workspace as great as their temperatures
     box : (4,) columns j0, j1, i0, i1 that may hold the part
     cover_before, volume_before : (ny, nx) of the top slab when its last layer began
-    deep_t .. deep_loss : of the deep cells, which slab 1 rests on
-    step_s : wanted; deep_every : fine steps to one of the deep cells
+    step_s : no step is longer; stages, deep_stages : of each step, enough for `stages_of`
     places, times, amounts : of `BeadLines`, rising in time
-    read_s : (r,) rising; read_mm : (r, 2); read_C : (r,) is written, where the time is reached
+    read_s : (r,) rising; read_mm : (r, 2); read_K : (r,) is written, where the time is reached
+    All temperatures count from the table's.
     """
+    t, volume, capacity, inverse, conductivity, cover, east, north, up, loss = fine
     steps = max(1, int(np.ceil((until_s - now_s) / step_s - 1e-9)))
     dt = (until_s - now_s) / steps
-    ny, nx = volume.shape[1], volume.shape[2]
-    gain = np.zeros_like(up[0])  # into the deep cells, by fine column, sum over steps [W]
-    a, b, deep_a, deep_b = t, t_new, deep_t, deep_new
-    line, read, since = 0, 0, 0
+    went_J = np.zeros((2, *up.shape[1:]), up.dtype)  # from the deep cells to the fine ones
+    former = np.empty((2, *up.shape[1:]), up.dtype)
+    line, read = 0, 0
     touched = np.empty(4, np.int64)
     forget(touched)
     for step in range(steps):
         begin = now_s + step * dt
         end = begin + dt
         while read < len(read_s) and read_s[read] < end:  # never after the beam has gone on
-            read_C[read] = read_place(a, cover, cover_before, n, origin, cell_mm, box,
-                                      read_mm[read, 0], read_mm[read, 1])
+            read_K[read] = read_place(t[n], t[n - 1], cover[n - 1], cover_before, origin, cell_mm,
+                                      box, read_mm[read, 0], read_mm[read, 1])
+            if step > 0:
+                was = read_place(former[1], former[0], cover[n - 1], cover_before, origin, cell_mm,
+                                 box, read_mm[read, 0], read_mm[read, 1])
+                read_K[read] += (read_K[read] - was) * (
+                    max(read_s[read] - begin, 0.0) / dt - _READ_LATER)
             read += 1
+        former[0], former[1] = t[n - 1], t[n]
         while line < len(times) and times[line, 1] <= begin:
             line += 1
         other = line
@@ -113,72 +115,54 @@ def advance_cells(
             u0 = max(0.0, (begin - times[other, 0]) / max(lasting, 1e-9))
             u1 = min(1.0, (end - times[other, 0]) / max(lasting, 1e-9))
             if u1 > u0:
-                middle = 0.5 * (u0 + u1)
-                along_x = places[other, 2] - places[other, 0]
-                along_y = places[other, 3] - places[other, 1]
-                aside = places[other, 4] / 4 / max(np.hypot(along_x, along_y), 1e-9)
-                half = 0.5 * (u1 - u0)
-                for side in (-aside, aside):  # so that strips side by side fill evenly
-                    deposit(a, volume, capacity, conductivity, cover, dx, dy, n, box, cover_before,
-                            volume_before, origin, cell_mm, layer_mm, ambient_C,
-                            places[other, 0] + middle * along_x + side * along_y,
-                            places[other, 1] + middle * along_y - side * along_x,
-                            amounts[other, 0] * lasting * half, amounts[other, 1] * half,
-                            amounts[other, 2] * half, amounts[other, 3] * half, touched)
+                deposit_line(t, volume, capacity, inverse, conductivity, cover, dx, dy, n, box,
+                             cover_before, volume_before, origin, cell_mm, layer_mm, ambient_K,
+                             places[other], amounts[other], lasting, u0, u1, touched)
             other += 1
-        if touched[1] >= 0 and (step % CONNECT_EVERY == 0 or step == steps - 1):
+        if touched[1] >= 0:
             connect_touched(volume, conductivity, cover, east, north, up, loss, dx, dy, n,
                             loss_W_mm2_K, touched)
-        for j in range(1, ny - 1):
-            for i in range(1, nx - 1):
-                gain[j, i] += up[0, j, i] * (a[1, j, i] - a[0, j, i])
-        conduct(a, b, capacity, east, north, up, loss, 1, part_from - 1, 1, ny - 1, ambient_C, dt)
-        conduct(a, b, capacity, east, north, up, loss, part_from, n, box[0], box[1], ambient_C, dt)
-        a, b = b, a
-        since += 1
-        if since == deep_every or step == steps - 1:
-            step_deep_cells(a, b, gain, dt, coarse_x, coarse_y, deep_a, deep_b, deep_capacity,
-                            deep_east, deep_north, deep_up, deep_loss, deep_n, ambient_C,
-                            since * dt)
-            deep_a, deep_b = deep_b, deep_a
-            since = 0
+        step_fine_cells(fine, fine_new, n, part_from, box, ambient_K, dt, stages, went_J)
+        step_deep_cells(deep, deep_new, deep_n, went_J[0], t[0], coarse_x, coarse_y, ambient_K, dt,
+                        deep_stages)
     while read < len(read_s) and read_s[read] <= until_s + 1e-6:
-        read_C[read] = read_place(a, cover, cover_before, n, origin, cell_mm, box,
+        read_K[read] = read_place(t[n], t[n - 1], cover[n - 1], cover_before, origin, cell_mm, box,
                                   read_mm[read, 0], read_mm[read, 1])
         read += 1
-    if steps % 2 == 1:
-        t[:n + 1] = t_new[:n + 1]
-    deep_t[:] = deep_a
 
 
 @inner_kernel
-def step_deep_cells(
-    a: FloatArray, b: FloatArray, gain: FloatArray, dt: float, coarse_x: IndexArray,
-    coarse_y: IndexArray, t: FloatArray, t_new: FloatArray, capacity: FloatArray, east: FloatArray,
-    north: FloatArray, up: FloatArray, loss: FloatArray, n: int, ambient_C: float, lasting_s: float,
+def deposit_line(
+    t: FloatArray, volume: FloatArray, capacity: FloatArray, inverse: FloatArray,
+    conductivity: FloatArray, cover: FloatArray, dx: FloatArray, dy: FloatArray, n: int,
+    box: IndexArray, cover_before: FloatArray, volume_before: FloatArray, origin: FloatArray,
+    cell_mm: float, layer_mm: float, ambient_K: float, place: FloatArray, amount: FloatArray,
+    lasting_s: float, u0: float, u1: float, touched: IndexArray,
 ) -> None:
-    """Give the deep cells the heat that came down, advance them, and tell the fine cells."""
-    ny, nx = gain.shape
-    for j in range(1, ny - 1):
-        for i in range(1, nx - 1):
-            jj, ii = coarse_y[j], coarse_x[i]
-            if gain[j, i] != 0.0:
-                t[n, jj, ii] += gain[j, i] * dt / max(capacity[n, jj, ii], 1e-9)
-                gain[j, i] = 0.0
-    conduct(t, t_new, capacity, east, north, up, loss, 1, n, 1, t.shape[1] - 1, ambient_C,
-            lasting_s)
-    for j in range(1, ny - 1):
-        for i in range(1, nx - 1):
-            a[0, j, i] = b[0, j, i] = t_new[n, coarse_y[j], coarse_x[i]]
+    """Deposit what lies between two shares of a line, in pieces no longer than half a cell."""
+    along_x, along_y = place[2] - place[0], place[3] - place[1]
+    length = np.hypot(along_x, along_y)
+    aside = place[4] / 4 / max(length, 1e-9)
+    pieces = max(1, int(np.ceil((u1 - u0) * length / (0.5 * cell_mm))))
+    half = 0.5 * (u1 - u0) / pieces
+    for piece in range(pieces):
+        middle = u0 + (2 * piece + 1) * half
+        for side in (-aside, aside):  # so that strips side by side fill evenly
+            deposit(t, volume, capacity, inverse, conductivity, cover, dx, dy, n, box, cover_before,
+                    volume_before, origin, cell_mm, layer_mm, ambient_K,
+                    place[0] + middle * along_x + side * along_y,
+                    place[1] + middle * along_y - side * along_x,
+                    amount[0] * lasting_s * half, amount[1] * half, amount[2] * half,
+                    amount[3] * half, touched)
 
 
 @inner_kernel
 def deposit(
-    t: FloatArray, volume: FloatArray, capacity: FloatArray, conductivity: FloatArray,
-    cover: FloatArray, dx: FloatArray, dy: FloatArray, n: int, box: IndexArray,
-    cover_before: FloatArray, volume_before: FloatArray, origin: FloatArray, cell_mm: float,
-    layer_mm: float, ambient_C: float, x: float, y: float, energy_J: float, volume_mm3: float,
-    capacity_J_K: float, conductivity_mm3: float, touched: IndexArray,
+    t: FloatArray, volume: FloatArray, capacity: FloatArray, inverse: FloatArray,
+    conductivity: FloatArray, cover: FloatArray, dx: FloatArray, dy: FloatArray, n: int,
+    box: IndexArray, cover_before: FloatArray, volume_before: FloatArray, origin: FloatArray,
+    cell_mm: float, layer_mm: float, ambient_K: float, x: float, y: float, energy_J: float,
+    volume_mm3: float, capacity_J_K: float, conductivity_mm3: float, touched: IndexArray,
 ) -> None:
     """Add material and heat at a place, divided over the four nearest columns of the top slab."""
     u, v = (x - origin[0]) / cell_mm - 0.5, (y - origin[1]) / cell_mm - 0.5
@@ -193,9 +177,10 @@ def deposit(
                 continue
             before = float(capacity[n, j, i])
             added = share * capacity_J_K
-            t[n, j, i] = (before * t[n, j, i] + added * ambient_C + share * energy_J) / (
+            t[n, j, i] = (before * t[n, j, i] + added * ambient_K + share * energy_J) / (
                 before + added)
             capacity[n, j, i] = before + added
+            inverse[n, j, i] = 1.0 / max(before + added, LEAST_J_K)
             volume[n, j, i] += share * volume_mm3
             conductivity[n, j, i] += share * conductivity_mm3
             new = (volume[n, j, i] - volume_before[j, i]) / (dx[i] * dy[j] * layer_mm)
@@ -230,10 +215,13 @@ def forget(touched: IndexArray) -> None:
 
 @inner_kernel
 def read_place(
-    t: FloatArray, cover: FloatArray, cover_before: FloatArray, n: int,
+    top: FloatArray, below: FloatArray, cover: FloatArray, cover_before: FloatArray,
     origin: FloatArray, cell_mm: float, box: IndexArray, x: float, y: float,
 ) -> float:
-    """Temperature at a place of the surface that the layer is deposited on."""
+    """Temperature at a place of the surface that the layer is deposited on.
+
+    top, below : (ny, nx) temperatures of the two top slabs; cover : of the lower one
+    """
     u, v = (x - origin[0]) / cell_mm - 0.5, (y - origin[1]) / cell_mm - 0.5
     i0, j0 = int(np.floor(u)), int(np.floor(v))
     u, v = u - i0, v - j0
@@ -243,10 +231,10 @@ def read_place(
             share = (v if dj else 1 - v) * (u if di else 1 - u)
             j = min(max(box[0] + j0 + dj, box[0]), box[1] - 1)
             i = min(max(box[2] + i0 + di, box[2]), box[3] - 1)
-            top, below = cover_before[j, i], cover[n - 1, j, i]
-            below = max(below - top, 0.0)
-            held = top + below
+            upper = cover_before[j, i]
+            lower = max(cover[j, i] - upper, 0.0)
+            held = upper + lower
             if held > 0.0 and share > 0.0:
-                total += share * (top * t[n, j, i] + below * t[n - 1, j, i])
+                total += share * (upper * top[j, i] + lower * below[j, i])
                 weights += share * held
     return total / weights if weights > 0.0 else np.nan
