@@ -61,6 +61,7 @@ class MessageSites:
                          for path in sorted((ROOT / package).rglob("*.py"))]
         self._functions: dict[str, list[Scope]] = defaultdict(list)
         self._calls: dict[str, list[tuple[ast.Call, Scope]]] = defaultdict(list)
+        self._base: dict[str, str] = {}
         self._own_init: dict[str, list[Scope]] = defaultdict(list)
         for module in self._modules:
             self._index(module)
@@ -94,6 +95,7 @@ class MessageSites:
             elif isinstance(node, ast.Call):
                 self._calls[called_name(node.func)].append((node, scope))
         for one in module.classes:
+            self._base |= {one.name: called_name(base) for base in one.bases[:1]}
             self._own_init[one.name] += [
                 Scope(module, item, module.scope_of[item]) for item in one.body
                 if isinstance(item, FUNCTION) and item.name == "__init__"]
@@ -116,9 +118,9 @@ class MessageSites:
         for made in self._own_init[error]:
             assert made.function is not None
             names = [one.arg for one in made.function.args.args[1:]]
-            if "what" in names:
-                return names.index("what")
-        return 0
+            return names.index("what") if "what" in names else 0
+        base = self._base.get(error, "")
+        return self._place_of_message(base) if base else 0
 
     def _follow_argument(self, call: ast.Call, at: int, keyword: str, scope: Scope) -> None:
         if at < len(call.args):

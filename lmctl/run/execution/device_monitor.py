@@ -186,8 +186,8 @@ class DeviceMonitor:
             self._cell.notify_report()
 
         def fault(reason: str) -> None:
-            error = feeder.fault or MachineError(f"feeder {feeder.name}: {reason}",
-                                                 hint="see the feeder's own display")
+            error = feeder.fault
+            assert error is not None, f"it has just been told: {reason}"
             self._raise(InterlockError(
                 f"feeder {feeder.name}", error.what, where=error.where, hint=error.hint,
                 explains=[f"feeder silent {feeder.name}"]))

@@ -162,7 +162,7 @@ def line_hashes(path: Path) -> Iterator[tuple[int, str]]:
     found = verify_journal(path)
     if not found.intact or not found.records:
         raise JournalError(f"{path} is not what was written",
-                           where=found.reason or "it holds no record",
+                           where="it holds no record" if found.intact else found.reason,
                            hint="restore it from a copy; `lmctl log --verify` shows how much is "
                                 "whole")
     for number, (line, finished) in enumerate(_lines(path), start=1):
@@ -260,7 +260,7 @@ def _parse(line: bytes) -> dict[str, Any] | None:
 
 
 def _refuse(constant: str) -> None:
-    raise ValueError(f"{constant} is no JSON")
+    raise ValueError(constant)
 
 
 def _lines(path: Path) -> Iterator[tuple[bytes, bool]]:

@@ -83,21 +83,19 @@ def create_run_folder(runs_dir: Path, job: Path) -> RunFolder:
     JobError, JournalError.
     """
     number = max((int(name[4:]) for name in run_names(runs_dir)), default=0) + 1
+    try:
+        runs_dir.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise JournalError.cannot_write(runs_dir, error) from None
     while True:
         path = runs_dir / f"run-{number:04d}"
         try:
-            runs_dir.mkdir(parents=True, exist_ok=True)
             path.mkdir()
         except FileExistsError:
-            if not path.exists():  # it is runs_dir that is in the way
-                raise JournalError(f"{runs_dir} is not a folder",
-                                   hint="name a folder for runs with --runs") from None
             number += 1
             continue
         except OSError as error:
-            raise JournalError(f"cannot make {path}", where=str(error.strerror),
-                               hint="check that the folder is there, can be written to and has "
-                                    "room") from None
+            raise JournalError.cannot_write(path, error) from None
         break
     made = RunFolder(path)
     try:
@@ -107,7 +105,9 @@ def create_run_folder(runs_dir: Path, job: Path) -> RunFolder:
         _make_durable(runs_dir)
     except OSError as error:
         discard_run_folder(made)
-        raise JobError.cannot_write(made.job, error) from None
+        raise JobError(f"cannot copy the job {job}", where=str(error.strerror),
+                       hint="check that it is there, and that there is room for it beside the "
+                            "journal") from None
     return made
 
 

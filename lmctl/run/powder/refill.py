@@ -125,7 +125,7 @@ class RefillProcedure:
         try:
             await cell.wait_until(
                 lambda: sum(not one.is_steady() for one in steady) == 0, _PATIENCE_S,
-                "a steady flow of what was refilled",
+                "steadiness",
             )
         except Exception as error:
             names = " and ".join(one.hopper.name for one in steady if not one.steady)

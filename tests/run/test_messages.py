@@ -1,0 +1,221 @@
+"""What is told where a run cannot begin, go on or be asked: what is wrong, where, and what next."""
+
+from __future__ import annotations
+
+import asyncio
+import shutil
+import socket
+import threading
+from importlib.resources import files
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from lmctl.config.machine import load_profile
+from lmctl.errors import JobError, JournalError, LmctlError, MachineError, UsageError
+from lmctl.run.cell.acceptance import refuse_unready
+from lmctl.run.cell.beam_control import BeamControl
+from lmctl.run.cell.devices import Cell
+from lmctl.run.cell.ownership import lock_machine
+from lmctl.run.control.client import send_request
+from lmctl.run.control.socket_path import SOCKET_NAME, connect_to_run
+from lmctl.run.executor import RunExecutor
+from lmctl.run.interlocks.alarms import InterlockError
+from lmctl.run.journal import run_folders
+from lmctl.run.journal.format import line_hashes
+from lmctl.run.journal.replay import replay_run
+from lmctl.run.journal.run_folders import RunFolder, create_run_folder
+from lmctl.run.journal.writer import JournalWriter
+from lmctl.run.powder.refill import RefillProcedure
+from simulators import virtual_time
+
+
+@pytest.fixture
+def profile():
+    return load_profile(files("lmctl.examples") / "cell.toml")
+
+
+def told(error: LmctlError, *facts: str) -> None:
+    for fact in facts:
+        assert fact in error.render(), error.render()
+    assert error.hint
+
+
+# --- folders and journals ---------------------------------------------------------------------
+
+
+def test_a_folder_of_runs_that_is_none(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    (tmp_path / "job.lmj").write_text("")
+    for runs, fact in (("file", "is not a folder"), ("/proc/runs", "cannot write /proc/runs")):
+        with pytest.raises(JournalError) as refused:
+            create_run_folder(tmp_path / runs, tmp_path / "job.lmj")
+        told(refused.value, fact)
+
+
+def test_a_run_without_a_journal_and_one_without_records(tmp_path: Path) -> None:
+    made = RunFolder(tmp_path / "run-0001")
+    made.path.mkdir()
+    with pytest.raises(JournalError) as refused:
+        replay_run(made)
+    told(refused.value, "run-0001 has no journal", "lmctl jobs")
+    made.journal.write_text("")
+    with pytest.raises(JournalError) as refused:
+        list(line_hashes(made.journal))
+    told(refused.value, "is not what was written", "it holds no record")
+
+
+def test_a_run_that_is_still_going_is_not_recovered(tmp_path: Path) -> None:
+    made = RunFolder(tmp_path / "run-0001")
+    made.path.mkdir()
+    with JournalWriter(made.journal, {"lines": 9}, local={}):
+        with pytest.raises(JournalError) as refused:
+            replay_run(made)
+        told(refused.value, "run-0001 is still running", "lmctl status", "lmctl stop")
+
+
+def test_a_job_that_changes_while_it_is_read(tmp_path, profile, job_file, monkeypatch) -> None:
+    job = tmp_path / "job.lmj"
+    job_file(job, profile)
+    copied = run_folders.create_run_folder
+
+    def after_another_was_planned(runs_dir, of):
+        made = copied(runs_dir, of)
+        job_file(made.job, profile, peaks={"A": 9.0, "B": 9.0})
+        return made
+
+    monkeypatch.setattr(run_folders, "create_run_folder", after_another_was_planned)
+    with pytest.raises(JobError) as refused:
+        virtual_time.run_in_virtual_time(RunExecutor(job, profile, tmp_path / "runs").run())
+    told(refused.value, "changed while it was read")
+
+
+# --- who has the machine, and who asks --------------------------------------------------------
+
+
+def test_locks_that_cannot_be_had(tmp_path, profile, monkeypatch) -> None:
+    monkeypatch.setattr("lmctl.run.cell.ownership.FOLDERS", (tmp_path,))
+    locks = tmp_path / "lmctl-locks"
+    locks.write_text("")
+    with pytest.raises(MachineError) as refused, lock_machine(profile, "run-0001", tmp_path):
+        pass
+    told(refused.value, f"{locks} is not a folder", "remove it")
+    locks.unlink()
+    with lock_machine(profile, "run-0001", tmp_path):
+        names = [path.name for path in locks.iterdir()]
+    shutil.rmtree(locks)
+    for name in names:
+        (locks / name).mkdir(parents=True)
+    with pytest.raises(MachineError) as refused, lock_machine(profile, "run-0001", tmp_path):
+        pass
+    told(refused.value, "no lock can be had on the machine", "Is a directory", "permissions")
+
+
+def test_a_run_that_answers_nonsense(tmp_path: Path) -> None:
+    listening = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    listening.bind(str(tmp_path / SOCKET_NAME))
+    listening.listen()
+
+    def answer() -> None:
+        peer, _ = listening.accept()
+        peer.recv(1000)
+        peer.sendall(b"state: depositing\n")
+        peer.close()
+
+    answering = threading.Thread(target=answer)
+    answering.start()
+    with pytest.raises(JournalError) as refused:
+        send_request(tmp_path, "status")
+    answering.join()
+    listening.close()
+    told(refused.value, "answers makes no sense", "another version of lmctl")
+
+
+def test_a_socket_that_cannot_be_connected_to(tmp_path: Path) -> None:
+    (tmp_path / SOCKET_NAME).symlink_to("/" + "s" * 200)
+    with pytest.raises(JournalError) as refused:
+        connect_to_run(tmp_path)
+    told(refused.value, "cannot be reached", "only the user who runs it")
+
+
+def test_acts_that_a_run_has_no_use_for(tmp_path, profile) -> None:
+    executor = RunExecutor(tmp_path / "job.lmj", profile, tmp_path)
+    with pytest.raises(UsageError) as refused:
+        executor.enter_height(8.0)
+    told(refused.value, "no height is asked for in this run", "height_check_every")
+    refilling = RefillProcedure(profile.hopper, SimpleNamespace())
+    refilling.request_refill("A")
+    with pytest.raises(UsageError) as refused:
+        refilling.request_refill("B")
+    told(refused.value, "hopper A is being refilled", "one hopper after the other")
+
+
+# --- the cell ---------------------------------------------------------------------------------
+
+
+class Controller:
+    """A motion controller that answers every command with the same lines."""
+
+    def __init__(self, *lines: str, at_mm=(10.0, 10.0, 20.0), trusted: bool = True) -> None:
+        self.lines, self.position_mm, self.position_trusted = lines, at_mm, trusted
+        self.status = SimpleNamespace(state="Idle", substate=None, is_held=False)
+
+    async def send_command(self, line: str) -> list[str]:
+        return list(self.lines)
+
+    async def reset(self) -> None:
+        pass
+
+
+@pytest.mark.parametrize(
+    ("lines", "facts"),
+    [
+        (("[GC:G0 G54 G17 G21 G90 G94 M5 M9 T0 F0 S0]",),
+         ("did not arm the beam at zero", "it says [GC:", "after M4 S0", "reset the controller")),
+        (("[GC:G0 G5\x7f",),
+         ("answers are unreadable", "whether the beam is at zero", "cable and earthing")),
+        ((), ("answers are unreadable", "nothing readable")),
+    ],
+)
+def test_a_beam_that_is_not_armed(lines: tuple[str, ...], facts: tuple[str, ...]) -> None:
+    cell = SimpleNamespace(motion=Controller(*lines), safety=None)
+    with pytest.raises(MachineError) as refused:
+        asyncio.run(BeamControl(cell).arm())
+    told(refused.value, *facts)
+
+
+def test_a_position_that_was_lost_while_the_machine_came_to_rest() -> None:
+    cell = SimpleNamespace(motion=Controller(trusted=False), safety=None)
+    with pytest.raises(MachineError) as refused:
+        asyncio.run(BeamControl(cell).come_to_rest())
+    told(refused.value, "position is no longer known", "home the machine", "lmctl recover")
+
+
+@pytest.mark.parametrize(
+    ("at_mm", "state", "facts"),
+    [
+        ((10.0, 12.5, 20.0), "Idle",
+         ("the machine is at X10.000 Y12.500 Z20.000, not at the purge position",
+          "did not come about within 5 s", "cable and earthing")),
+        ((10.0, 12.5, 20.0), "Run", ("the move to the purge position did not come about",)),
+    ],
+)
+def test_a_machine_that_does_not_arrive(at_mm, state: str, facts: tuple[str, ...]) -> None:
+    motion = Controller(at_mm=at_mm)
+    motion.status.state = state
+    cell = Cell(motion, [], None, [])
+    with pytest.raises(MachineError) as refused:
+        virtual_time.run_in_virtual_time(cell.wait_at_position((10.0, 10.0, 20.0), 5.0))
+    for fact in facts:
+        assert fact in refused.value.render()
+
+
+def test_all_that_keeps_a_run_from_starting_is_told_at_once() -> None:
+    with pytest.raises(MachineError) as refused:
+        refuse_unready([
+            InterlockError("door", "the door is open", hint="close it"),
+            InterlockError("chiller", "the chiller is warm", hint="wait"),
+        ])
+    told(refused.value, "the cell is not ready", "the door is open", "the chiller is warm")
+    assert refused.value.hint == "close it; wait"
