@@ -100,7 +100,10 @@ def _usage_error(error: click.ClickException) -> UsageError:
     hint = f"`{command} --help` shows what can be given"
     if isinstance(error, click.NoSuchOption) and error.possibilities:
         what = f"there is no option {error.option_name} here"
-        hint = f"did you mean {' or '.join(sorted(error.possibilities))}? {hint}"
+        from difflib import get_close_matches  # needed for mistakes only
+
+        near = get_close_matches(error.option_name, error.possibilities, n=1, cutoff=0.0)
+        hint = f"did you mean {near[0]}? {hint}"
     return UsageError(what[0].lower() + what[1:], hint=hint)
 
 

@@ -9,7 +9,7 @@ import click
 from lmctl.cli.console import print_data, print_message
 from lmctl.cli.interrupts import interruptible
 from lmctl.cli.paths import InputFile
-from lmctl.cli.planning import check_units, units_option
+from lmctl.cli.planning import check_bare_options, units_option, up_option
 from lmctl.cli.profiles import load_profile_or_default
 from lmctl.config import toml_file
 from lmctl.config.file_kind import FileKind, file_kind_of
@@ -22,9 +22,10 @@ from lmctl.errors import UsageError
 @click.option("-m", "--machine", type=InputFile(),
               help="Profile to check a part or job against [the bench cell].")
 @units_option
-def check(file: Path, machine: Path | None, units: str | None) -> None:
+@up_option
+def check(file: Path, machine: Path | None, units: str | None, up: str | None) -> None:
     """Check FILE: a part file, a mesh or cloud, a machine profile, a bench, a map, or a job."""
-    check_units(file, units)
+    check_bare_options(file, units, up)
     kind = _kind_of(file)
     if kind in (FileKind.PROFILE, FileKind.BENCH):
         if machine is not None:
@@ -39,7 +40,7 @@ def check(file: Path, machine: Path | None, units: str | None) -> None:
     elif file.suffix.lower() == ".lmj":
         _check_job(file, load_profile_or_default(machine))
     else:
-        _check_part(file, units, load_profile_or_default(machine))
+        _check_part(file, units, up, load_profile_or_default(machine))
 
 
 def _kind_of(file: Path) -> FileKind | None:
@@ -87,15 +88,17 @@ def _check_job(file: Path, profile: MachineProfile) -> None:
 
 
 @interruptible()
-def _check_part(file: Path, units: str | None, profile: MachineProfile) -> None:
+def _check_part(
+    file: Path, units: str | None, up: str | None, profile: MachineProfile
+) -> None:
     from lmctl.cli.planning import open_part
     from lmctl.plan.layer_range import place_layers
 
-    part = open_part(file, units)
+    part = open_part(file, units, up)
     for text in part.warnings:
         print_message(f"warning: {text}")
     place_layers(part, profile)
     low, high = part.bounds_mm
     size = " × ".join(f"{b - a:.1f}" for a, b in zip(low, high, strict=True))
     print_data(f"{file}: {part.name}, {size} mm, {', '.join(m.name for m in part.materials)}; "
-               "nothing wrong")
+               "nothing wrong; `lmctl plan` tells whether it can be deposited")

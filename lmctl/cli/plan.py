@@ -16,6 +16,7 @@ from lmctl.cli.planning import (
     open_part,
     plan_to_file,
     units_option,
+    up_option,
 )
 from lmctl.cli.profiles import load_profile_or_default
 from lmctl.errors import UsageError
@@ -47,6 +48,7 @@ class LayerRange(click.ParamType):
     help="Machine profile to plan for [the bench cell].",
 )
 @units_option
+@up_option
 @click.option("-j", "--jobs", type=click.IntRange(1, 1024), metavar="N",
               help="Processes that plan layers at a time [one a core].")
 @click.option("--scheduler", metavar="tcp://HOST:PORT",
@@ -59,8 +61,8 @@ class LayerRange(click.ParamType):
               help="Plan also where walls lean out too far or start in the air. The job says so.")
 @click.option("--json", "as_json", is_flag=True, help="Print the totals as one JSON object.")
 def plan(
-    part: Path, output: Path | None, machine: Path | None, units: str | None, jobs: int | None,
-    scheduler: str | None, layers: tuple[int, int] | None, allow_incomplete: bool,
+    part: Path, output: Path | None, machine: Path | None, units: str | None, up: str | None,
+    jobs: int | None, scheduler: str | None, layers: tuple[int, int] | None, allow_incomplete: bool,
     allow_overhang: bool, as_json: bool,
 ) -> None:
     """Plan PART (a part file, or an STL, PLY, OBJ, OFF, 3MF, XYZ or CSV file) into a job file.
@@ -76,7 +78,7 @@ def plan(
         print_message(f"no --machine given: planning for the {profile.name}")
     target = output or Path(part.name).with_suffix(".lmj")
     check_target_writable(target)
-    manifest = plan_to_file(open_part(part, units), profile, target, _options(
+    manifest = plan_to_file(open_part(part, units, up), profile, target, _options(
         jobs, scheduler, layers, allow_incomplete, allow_overhang))
     if as_json:
         print_json({"job": str(target), **manifest.totals})

@@ -15,6 +15,7 @@ from lmctl.config.measuring import calibration_text
 from lmctl.errors import UsageError
 from lmctl.job.dilution_text import dilution_text
 from lmctl.job.margins_text import margins_text
+from lmctl.part.up_axis import UP_AXES
 
 if TYPE_CHECKING:
     from lmctl.job.schema import JobManifest
@@ -25,27 +26,36 @@ if TYPE_CHECKING:
 units_option = click.option(
     "--units", type=click.Choice(["mm", "cm", "m", "inch"]), help="Units of a bare mesh or cloud."
 )
+up_option = click.option(
+    "--up", type=click.Choice(UP_AXES), help="Axis of a bare mesh or cloud that points up [z]."
+)
 
 
-def check_units(path: Path, units: str | None) -> None:
-    """Raise UsageError where units are given for a file that is no bare mesh or cloud."""
-    if units is not None and path.suffix.lower() in (".toml", ".lmj"):
+def check_bare_options(path: Path, units: str | None, up: str | None) -> None:
+    """Raise UsageError where options of a bare mesh or cloud are given for another file."""
+    if path.suffix.lower() not in (".toml", ".lmj"):
+        return
+    if units is not None:
         raise UsageError("--units is for a bare mesh or cloud", where=str(path),
                          hint="a part file states the units of each of its bodies")
+    if up is not None:
+        raise UsageError("--up is for a bare mesh or cloud", where=str(path),
+                         hint='in a part file a body of kind "moved" turns another: '
+                         "`lmctl help part.body.moved`")
 
 
 @interruptible()
-def open_part(path: Path, units: str | None = None) -> Part:
+def open_part(path: Path, units: str | None = None, up: str | None = None) -> Part:
     """A part file, or a bare mesh or cloud; reports what was taken by default."""
     from lmctl.part.load import load_part, part_from_model
 
-    check_units(path, units)
+    check_bare_options(path, units, up)
     if path.is_dir():
         inside = [file for file in sorted(path.glob("*.toml")) if file.stem == path.name]
         raise UsageError(f"{path} is a folder, not a part",
                          hint=f"did you mean {inside[0]}?" if inside else "name a file in it")
     if path.suffix.lower() != ".toml":
-        part = part_from_model(path, units=units, report=print_message)
+        part = part_from_model(path, units=units, up=up or "z", report=print_message)
     else:
         part = load_part(path, report=print_message)
     for text in part.notes:

@@ -11,7 +11,7 @@ from lmctl.cli.console import print_data, print_message, progress_bar
 from lmctl.cli.interrupts import interruptible
 from lmctl.cli.number_types import FiniteRange
 from lmctl.cli.paths import InputFileOrRun, is_run
-from lmctl.cli.planning import check_units, open_part, units_option
+from lmctl.cli.planning import check_bare_options, open_part, units_option, up_option
 from lmctl.errors import UsageError
 
 if TYPE_CHECKING:
@@ -40,9 +40,10 @@ PAGE = ".html"
 @click.option("--frame", type=click.Choice(["machine", "part"]), default="machine",
               show_default=True, help="Of a job: whose coordinates the picture shows.")
 @units_option
+@up_option
 def show(
     file: Path, layer: int | None, x_mm: float | None, y_mm: float | None, z_mm: float | None,
-    output: Path | None, runs_dir: Path, frame: str, units: str | None,
+    output: Path | None, runs_dir: Path, frame: str, units: str | None, up: str | None,
 ) -> None:
     """Show FILE: a job, or sections of a part's distance and composition; or a RUN.
 
@@ -57,7 +58,7 @@ def show(
     if is_run(file):
         print_data(str(_show_run(file, runs_dir, layer, output)))
         return
-    check_units(file, units)
+    check_bare_options(file, units, up)
     if file.suffix.lower() == ".lmj":
         print_data(str(_show_job(file, layer, output, frame)))
         return
@@ -73,7 +74,7 @@ def show(
         raise UsageError("-x, -y and -z are for pictures", where=str(target),
                          hint=f"all of the part goes into a {target.suffix} file; leave them out")
     _check_folder(target)
-    part = open_part(file, units)
+    part = open_part(file, units, up)
     for text in part.warnings:
         print_message(f"warning: {text}")
     _refuse_beside(part, planes)

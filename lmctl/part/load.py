@@ -27,6 +27,7 @@ from lmctl.part.part_data import PartData
 from lmctl.part.resolution import checked_grid, section_plane_grid
 from lmctl.part.sources.files import CLOUD_SUFFIXES, MESH_SUFFIXES
 from lmctl.part.tree import BodyTree
+from lmctl.part.up_axis import turned_body_text
 
 if TYPE_CHECKING:
     from lmctl.part.bodies import Body
@@ -104,11 +105,12 @@ def part_from_text(text: str, folder: Path, name: str) -> Part:
 
 
 def part_from_model(
-    path: Path, units: str | None = None, report: Report | None = None
+    path: Path, units: str | None = None, report: Report | None = None, up: str = "z",
 ) -> Part:
     """A mesh or cloud file alone as a part, with defaults that its warnings and notes name.
 
     units : "mm", "cm", "m" or "inch"; None takes mm, and reports that
+    up : the axis of the model that points up, of `up_axis.UP_AXES`
     Raises InputError.
     """
     suffix = path.suffix.lower().removeprefix(".")
@@ -127,8 +129,10 @@ def part_from_model(
     name = path.stem[:100] or "part"
     text = (
         f"name = {_quoted(name)}\n\n[[material]]\nname = {_quoted(DEFAULT_MATERIAL)}\n\n"
-        f"[[body]]\nkind = {_quoted(kind)}\nfile = {_quoted(path.name)}\n"
+        "[[body]]\n" + ("" if up == "z" else 'name = "model"\n')
+        + f"kind = {_quoted(kind)}\nfile = {_quoted(path.name)}\n"
         + (f"units = {_quoted(units or 'mm')}\n" if units or suffix != "3mf" else "")
+        + turned_body_text("model", up)
     )
     return _build(parse_part_file(text, name=str(path)), text, path.parent, said, report)
 

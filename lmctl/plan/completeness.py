@@ -187,8 +187,9 @@ class Completeness:
             where=[*(o.location_text() for o in steep[:_MOST_NAMED]),
                    *(text for _, text in _more(len(steep), "more")),
                    f"process.max_overhang_deg = {limit:g}"],
-            hint="build the part in another direction, raise process.max_overhang_deg where the "
-                 "process holds it, or plan it all the same with --allow-overhang")
+            hint='turn the part (--up of a bare mesh, a body of kind "moved" in a part file), '
+                 "raise process.max_overhang_deg where the process holds it, or plan it all the "
+                 "same with --allow-overhang")
 
     def _least_built(self) -> list[BuiltFeature]:
         return sorted(self.features, key=lambda f: f.built_fraction)

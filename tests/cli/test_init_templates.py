@@ -60,8 +60,9 @@ def test_a_template_is_planned_and_run_with_the_cell_beside_it(
     part = Path(f"{name}.toml")
     for high, low in (("0, 8]", "0, 1.6]"), ("0, 3.2]", "0, 0.8]"), ("0, 4]", "0, 1.6]")):
         part.write_text(part.read_text().replace(high, low))  # layers enough
-    planned = lmctl("plan", part, "--machine", "cell.toml")
+    planned = lmctl("plan", part, "--machine", "cell.toml", "--json")
     assert planned.code == 0, planned.talk
+    assert json.loads(planned.data)["mixture_share"] > 0.98  # a template shows what is good
     run = lmctl("run", f"{name}.lmj", "--sim", "--machine", "cell.toml", "--bench", "bench.toml")
     assert run.code == 0, run.talk
 
