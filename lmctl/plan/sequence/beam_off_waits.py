@@ -1,7 +1,8 @@
 """Wait with the beam off before paths, away from the part where there is time to go there.
 
-Powder goes on flowing through a wait. It falls on the purge position, not on the part, wherever the
-wait is longer than the way there and back; a shorter one slows the travel.
+Powder stops in a long wait (`powder_pause`), but falls at its begin and before its end. It falls on
+the purge position, not on the part, wherever the wait is longer than the way there and back; a
+shorter one slows the travel.
 """
 
 from __future__ import annotations

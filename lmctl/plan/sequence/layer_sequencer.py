@@ -39,6 +39,7 @@ from lmctl.plan.sequence.mixture_ramps import (
 )
 from lmctl.plan.sequence.moves import Moves, join_moves, moves_of_kind, rounded_to_program_steps
 from lmctl.plan.sequence.powder_flow import PowderFlow, powder_flow
+from lmctl.plan.sequence.powder_pause import powder_pause_of
 from lmctl.plan.sequence.sampled_layers import SampledLayers
 from lmctl.plan.sequence.sequence_state import SequenceState
 from lmctl.plan.sequence.track_order import OrderedTracks, order_tracks
@@ -87,6 +88,7 @@ class LayerSequencer:
             recipe, profile.laser.max_power_W / float(recipe.power_W.max())
             / max(process.first_layer_power, 1.0))
         self._limits = powder_limits_of(recipe)
+        self._pause = powder_pause_of(recipe, profile)
         self._leads = process.powder == "lead"
         self._predictor = PathPredictor(recipe, leads=self._leads)
         self._travel = TravelSettings(
@@ -387,7 +389,7 @@ class LayerSequencer:
         assert state.flow_g_s is not None
         return powder_flow(
             state.time_s, float(end_s[-1]), end_s[line], wanted, starts, self._limits,
-            self._process.powder, state.flow_g_s, self._process.change_margin_s)
+            self._process.powder, state.flow_g_s, self._process.change_margin_s, self._pause)
 
     def _check_reach(self, number: int, moves: Moves) -> None:
         """Refuse, at the first layer, motion that `check_job` would refuse after the last."""

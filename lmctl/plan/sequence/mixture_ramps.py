@@ -89,7 +89,7 @@ def _needed(
         a, b = start[k], end[k]
         if _fraction_change(a, b, volume) <= step * 1.01:
             continue
-        times = _fastest_course(a, b, lag, most)
+        times = fastest_course(a, b, lag, most)
         settled, before = times[-1], np.inf
         for i in range(len(COURSE_KNOTS)):
             missing = _fraction_change(a + COURSE_KNOTS[i] * (b - a), b, volume)
@@ -124,7 +124,7 @@ def ramp_knots(
         lasting = min(gap_s, max(straight, even, min(MIN_RAMP_S, gap_s)))
         first = (gap_s - lasting) / 2
         return np.array([first, first + lasting]), np.array([0.0, 1.0])
-    times = _fastest_course(start, end, lag, most)
+    times = fastest_course(start, end, lag, most)
     before_s = min(margin_s, max(gap_s - times[-1], 0.0) / 2)
     if times[-1] < gap_s - 2 * before_s:
         times *= (gap_s - 2 * before_s) / times[-1]
@@ -133,7 +133,7 @@ def ramp_knots(
 
 
 @inner_kernel
-def _fastest_course(
+def fastest_course(
     start: FloatArray, end: FloatArray, lag: FloatArray, most: FloatArray
 ) -> FloatArray:
     """When the fastest course reaches each of `COURSE`: the slowest hopper sets it.

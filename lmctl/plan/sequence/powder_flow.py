@@ -3,7 +3,7 @@
 Along beads the flow follows the mixture, linear from vertex to vertex; in mode "lead" as nearly as
 hoppers can. From bead to bead it changes while the beam is off: along a ramp that the feeders can
 follow (mode "lead"), or at once as soon as the beam is off, as machines without compensation do
-("dwell", "none").
+("dwell", "none"). In long gaps it stops (`powder_pause`).
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ import numpy as np
 from lmctl.array_types import FloatArray, IndexArray
 from lmctl.field.kernel import inner_kernel, kernel
 from lmctl.plan.sequence.mixture_ramps import (
-    COURSE_KNOTS,
     MAX_KNOT_SPACING_S,
     NO_LAG_S,
     PowderLimits,
@@ -23,9 +22,13 @@ from lmctl.plan.sequence.mixture_ramps import (
     has_caught_up,
     ramp_knots,
 )
+from lmctl.plan.sequence.powder_pause import PAUSE_KNOTS, PowderPause, pause_knots
 
 #: A set-point step, as knots of a piecewise-linear flow need one [s].
 _STEP_S = 1e-3
+
+#: Flow never stops.
+NO_PAUSE = PowderPause(0.0, np.inf)
 
 
 @dataclass(frozen=True)
@@ -39,6 +42,7 @@ class PowderFlow:
 def powder_flow(
     start_s: float, end_s: float, bead_s: FloatArray, bead_g_s: FloatArray, starts: IndexArray,
     limits: PowderLimits, mode: str, before_g_s: FloatArray, margin_s: float = 0.0,
+    pause: PowderPause = NO_PAUSE,
 ) -> PowderFlow:
     """Flow wanted at the nozzle during one layer, from `start_s` to `end_s`.
 
@@ -46,11 +50,12 @@ def powder_flow(
     starts : (m + 1,) bead k is vertices starts[k] to starts[k + 1]
     mode : "lead", "dwell" or "none"; before_g_s : (hoppers,) flow at the end of the layer before
     margin_s : changes from bead to bead keep so far from the ends of both, where there is time
+    pause : when flow stops between beads, in mode "lead"
     """
     knots_s, flow = _knots(
         start_s, bead_s, np.ascontiguousarray(bead_g_s), starts, mode == "lead",
         np.maximum(limits.lag_s, NO_LAG_S), limits.max_flow_g_s, before_g_s,
-        margin_s)
+        margin_s, pause.steady_s, pause.least_off_s)
     return _thinned(np.append(knots_s, end_s), np.vstack([flow, flow[-1:]]))
 
 
@@ -67,17 +72,18 @@ def followed_flow(
     knots_s, flow = _knots(
         float(times_s[0]), times_s, np.ascontiguousarray(wanted_g_s, np.float64),
         np.array([0, len(times_s)]), True, np.maximum(limits.lag_s, NO_LAG_S), limits.max_flow_g_s,
-        np.asarray(start_g_s, np.float64), 0.0)
+        np.asarray(start_g_s, np.float64), 0.0, 0.0, np.inf)
     return PowderFlow(np.asarray(knots_s[1:]), np.asarray(flow[1:]))
 
 
 @kernel
 def _knots(
     start_s: float, bead_s: FloatArray, wanted: FloatArray, starts: IndexArray, leads: bool,
-    lag: FloatArray, most: FloatArray, before: FloatArray, margin_s: float,
+    lag: FloatArray, most: FloatArray, before: FloatArray, margin_s: float, steady_s: float,
+    least_off_s: float,
 ) -> tuple[FloatArray, FloatArray]:
     """Gap by gap and bead by bead; a gap starts from the flow that the bead before it reached."""
-    count = (len(starts) - 1) * (len(COURSE_KNOTS) + 2)
+    count = (len(starts) - 1) * (PAUSE_KNOTS + 2)
     for k in range(1, len(bead_s)):
         count += max(1, int(np.ceil((bead_s[k] - bead_s[k - 1]) / MAX_KNOT_SPACING_S)))
     times = np.empty(count)
@@ -88,6 +94,19 @@ def _knots(
     for bead in range(len(starts) - 1):
         first = starts[bead]
         gap_s = bead_s[first] - now_s
+        paused = 0
+        if leads and gap_s > steady_s + least_off_s:
+            paused = pause_knots(now, wanted[first], gap_s, lag, most, steady_s, least_off_s,
+                                 times[n:], flow[n:])
+        if paused:
+            times[n:n + paused] += now_s
+            times[n + paused] = bead_s[first]
+            _put_between(flow[n + paused], wanted[first], wanted[first], 0.0)
+            n = _follow_bead(bead_s, wanted, first, starts[bead + 1], leads, lag, most, times, flow,
+                             n + paused + 1)
+            now_s = bead_s[starts[bead + 1] - 1]
+            _put_between(now, flow[n - 1], flow[n - 1], 0.0)
+            continue
         if leads and gap_s > 0.0:
             course_s, share = ramp_knots(
                 now, wanted[first], gap_s, lag, most, margin_s)
