@@ -127,6 +127,8 @@ class ProcessSettings(DepositionHeatSettings):
     dead_time_error_s : how far dead times may be off, in what "auto" compares
     height_check_every : after so many layers a run is held for the height of the part; powder then
         brings it back to its plan. None: never
+    height_tolerance_mm : within this of its planned height, and within 2.5 % of it, a part gets its
+        planned volume; beyond, powder is changed as far as brings it back to there. 0: to its plan
     dilution : whether powder is fed so that the bead has the part's mixture after the pool has
         melted some of the layer below into it, where the machine's dilution is known
     bead_width_mm, layer_height_mm : of one bead
@@ -165,6 +167,7 @@ class ProcessSettings(DepositionHeatSettings):
     hatch_block_mm: Annotated[float, Field(ge=1, le=1000)] = 20.0
     outline_tracks: Annotated[int, Field(ge=0, le=10)] = 1
     height_check_every: Annotated[int, Field(ge=1, le=10_000)] | None = None
+    height_tolerance_mm: Annotated[float, Field(ge=0, le=20)] = 1.0
     dilution: Literal["compensate", "ignore"] = "compensate"
     copy_order: Literal["layer-by-layer", "part-by-part"] = "layer-by-layer"
     region: Annotated[tuple[StrategyRegion, ...], Field(max_length=1000)] = ()

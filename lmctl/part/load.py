@@ -219,7 +219,7 @@ def _substrate_surface(part: config.PartFile, tree: BodyTree) -> SubstrateSurfac
 def _not_noted(process: config.ProcessSettings) -> set[str]:
     """Keys whose defaults nobody need be told: named elsewhere, or of another strategy."""
     keys = {"power_W", "speed_mm_s", "region", "dilution", "height_check_every",
-            "copy_order"}
+            "height_tolerance_mm", "copy_order"}
     if process.strategy != "hatch" and not any(r.strategy == "hatch" for r in process.region):
         keys |= {"hatch", "hatch_angle_deg", "hatch_turn_deg", "hatch_blocks", "outline_tracks"}
     if process.strategy != "auto":

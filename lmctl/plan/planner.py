@@ -273,7 +273,8 @@ class _Planning:
                 {} if other is None else {"other_strategy": other.as_json()})})
             | substrate_totals(part)
             | ({} if part.process.height_check_every is None else
-               {"height_check_every": part.process.height_check_every})
+               {"height_check_every": part.process.height_check_every,
+                "height_tolerance_mm": part.process.height_tolerance_mm})
             | copies_totals(part, self._placement)
             | ({} if rules is None else rules.totals())
             | heat_totals(self._heat)

@@ -20,9 +20,9 @@ class Journal:
         self.records.append({"kind": "height", **fields})
 
 
-def control(every=5, layers=50, journal=None):
+def control(every=5, layers=50, journal=None, tolerance_mm=0.0):
     manifest = SimpleNamespace(
-        totals={"height_check_every": every},
+        totals={"height_check_every": every, "height_tolerance_mm": tolerance_mm},
         layers=[SimpleNamespace(z_mm=3.0 + LAYER_MM * n, first_line=100 * n)
                 for n in range(layers)])
     return HeightControl.of_job(manifest, journal or Journal())
@@ -62,6 +62,29 @@ def test_the_next_check_finds_the_planned_height(growth):
     assert checks[0][1] == pytest.approx(5 * LAYER_MM * growth)
     for layers, height_mm in checks[2:]:
         assert height_mm == pytest.approx(layers * LAYER_MM, rel=1e-6)
+
+
+@pytest.mark.parametrize(("growth", "height_mm", "factor"), [
+    (0.977, 0.977 * 40.0, 1.0),           # within: the planned volume stays
+    (0.94, 39.0, 0.975 / 0.94),           # brought back to the edge, and kept there
+    (1.04, 41.0, 1.025 / 1.04),
+])
+def test_the_planned_volume_is_fed_where_the_height_is_within_its_tolerance(
+    growth, height_mm, factor
+):
+    """A tolerance of 1 mm is 2.5 % of the whole height, and a share of what is planned before."""
+    heights = control(tolerance_mm=1.0)
+    checks = grow(heights, growth)
+    assert checks[-1][1] == pytest.approx(height_mm, abs=1e-6)
+    assert heights.volume_factor == pytest.approx(factor, abs=1e-6)
+    for layers, at_mm in checks[2:]:
+        assert abs(at_mm / (layers * LAYER_MM) - 1.0) <= 0.025 + 1e-9
+
+
+def test_a_tolerance_in_mm_holds_where_it_is_less_than_the_share():
+    checks = grow(control(tolerance_mm=0.2), 0.95)
+    for layers, at_mm in checks[3:]:
+        assert at_mm == pytest.approx(layers * LAYER_MM - 0.2, abs=1e-6)
 
 
 def test_powder_is_changed_by_a_tenth_at_most_and_that_is_said():

@@ -2,8 +2,10 @@
 
 Every so many layers, as the job states, the run is held at the end of a layer and the operator
 enters how high the part is. From its growth since the last check follows the volume that the next
-layers need to reach their planned height; all hoppers are scaled alike, so that the mixture stays.
-The nozzle keeps its planned heights: a part that is as high as planned has its standoff
+layers need to stay within a tolerance of their planned height; all hoppers are scaled alike, so
+that the mixture stays. Within the tolerance the planned volume is fed: beads stand beyond the
+outline of a small part, which cannot have both its planned height and its planned volume.
+The nozzle keeps its planned heights: a part that is about as high as planned has its standoff
 (docs/decisions/031-height-by-volume-not-by-offset.md).
 """
 
@@ -19,6 +21,8 @@ from lmctl.run.journal.recorder import RunRecorder
 
 #: Powder is scaled by no more than this, up or down.
 MAX_VOLUME_CHANGE = 0.1
+#: A tolerance is no greater than this share of the planned height.
+MAX_TOLERANCE_SHARE = 0.025
 #: A height beyond these shares of the planned one is rather in another unit, or of another part.
 _PLAUSIBLE_SHARES = (0.5, 1.5)
 
@@ -41,6 +45,7 @@ class HeightControl:
 
     def __init__(self, manifest: JobManifest, recorder: RunRecorder) -> None:
         self.every = int(manifest.totals["height_check_every"])
+        self._tolerance_mm = float(manifest.totals.get("height_tolerance_mm", 0.0))
         self.volume_factor = 1.0
         self.awaited: int | None = None
         self._layers = manifest.layers
@@ -146,7 +151,8 @@ class HeightControl:
         return text
 
     def _factor_for(self, layers: int, height_mm: float) -> float:
-        """Scale with which the next check would find the planned height, by the growth so far."""
+        """Scale with which the next check would find the height within its tolerance, by the growth
+        so far: 1 where the planned volume does that."""
         planned_mm = self.planned_mm(layers)
         before_layers, before_mm = self._checked_layers, self._checked_mm
         if before_layers <= self._layers_before_part(layers):  # the first check of this part
@@ -155,8 +161,11 @@ class HeightControl:
         growth = (height_mm - before_mm) / (planned_mm - before_planned_mm)
         per_volume = max(growth / self.volume_factor, 1e-3)
         until = min(layers + self.every, self._layers_to_end_of_part(layers))
-        needed_mm = self.planned_mm(until) - height_mm
-        return needed_mm / (per_volume * (self.planned_mm(until) - planned_mm))
+        next_mm = self.planned_mm(until)
+        tolerance_mm = min(self._tolerance_mm, MAX_TOLERANCE_SHARE * next_mm)
+        least, most = ((edge_mm - height_mm) / (per_volume * (next_mm - planned_mm))
+                       for edge_mm in (next_mm - tolerance_mm, next_mm + tolerance_mm))
+        return min(max(1.0, least), most)
 
     def _record(self, source: str, planned_mm: float, at_limit: bool) -> None:
         self._recorder.record_height(
