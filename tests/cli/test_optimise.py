@@ -10,6 +10,8 @@ from typing import Any
 import pytest
 
 from lmctl.design import optimiser
+from lmctl.design.optimiser import read_state
+from lmctl.errors import InputError
 
 RING = """# a ring under pressure
 name = "ring"
@@ -126,6 +128,13 @@ def test_what_cannot_be_optimised_is_said(
         text = text.replace(old, new)
     Path("ring.toml").write_text(text)
     assert told in refused("optimise", "ring.toml", code=code)
+
+
+def test_a_state_that_is_none_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "state.json").write_text('{"colour": 3}')
+    with pytest.raises(InputError, match="is no state of a search") as refused:
+        read_state(tmp_path / "state.json", RING)
+    assert "remove it to begin anew" in refused.value.hint
 
 
 def test_a_dry_run_says_what_it_will_take(lmctl: Callable[..., Any]) -> None:

@@ -79,6 +79,23 @@ def test_what_cannot_be_simulated_is_said(
     assert told in refused("simulate", "bar.toml", code=1)
 
 
+BALL = 'kind = "sphere"\ncentre_mm = [0, 0, 0]\nradius_mm = 2'
+BOX = 'kind = "box"\nlow_mm = [0, 0, 0]\nhigh_mm = [20, 10, 10]'
+
+
+@pytest.mark.parametrize(("old", "new", "told"), [
+    ("mesh_mm = 4", 'model = "plane-stress"\nsection_mm = 40',
+     "the plane z = 40 mm does not meet the part"),
+    (BOX, BALL + "\n[[support]]\nrigid_motion = true", "the mesh misses the part"),
+])
+def test_a_model_that_misses_the_part_is_refused(
+    refused: Callable[..., str], old: str, new: str, told: str
+) -> None:
+    text = PULLED.replace(old, new).replace("mesh_mm = 4", "mesh_mm = 40")
+    Path("bar.toml").write_text(text.replace(', "z"', ""))
+    assert told in refused("simulate", "bar.toml", code=1)
+
+
 def test_a_body_in_two_pieces_is_refused(refused: Callable[..., str]) -> None:
     two = BLOCK.replace('[[face]]\nname = "left"', """[[body]]
 name = "other"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import shutil
+import sys
 from collections.abc import Callable
 from importlib.resources import files
 from pathlib import Path
@@ -15,6 +16,7 @@ from lmctl.calibration.calibration_file import Calibration, save_calibration
 from lmctl.cli.calibrations import stored_calibration
 from lmctl.cli.profiles import load_checked_profile
 from lmctl.errors import ConfigError
+from lmctl.exchange.dialect import parse_dialect
 from tests.part_files import block_file
 
 Refused = Callable[..., str]
@@ -33,6 +35,7 @@ def write(**texts: str) -> None:
 @pytest.mark.parametrize(
     ("words", "code", "facts"),
     [
+        ("design a.stl", 2, ("a.stl is no part file", "lmctl init")),
         ("machine status -m cell.toml --bench bench.toml", 2,
          ("--bench belongs to --sim", "add --sim, or leave --bench out")),
         ("run a.lmj -m cell.toml --bench bench.toml", 2,
@@ -89,6 +92,34 @@ def test_simulation_without_its_libraries(refused: Refused, monkeypatch) -> None
     assert "lmctl[design]" in told
 
 
+def test_the_designer_without_its_libraries(refused: Refused, monkeypatch) -> None:
+    write(a__toml=block_file((9, 9, 4)))
+    monkeypatch.setitem(sys.modules, "lmctl.designer", None)
+    told = refused("design", "a.toml", code=2)
+    assert "the designer is not installed" in told
+    assert "lmctl[web]" in told
+
+
+def test_a_field_too_large_for_a_file(refused: Refused, monkeypatch) -> None:
+    write(a__toml=block_file((9, 9, 4)))
+    monkeypatch.setattr("lmctl.report.part_export.MAX_BYTES", 10)
+    told = refused("show", "a.toml", "-o", "a.vti", code=1)
+    assert "the field would take" in told
+    assert "raise pitch_mm" in told
+
+
+def test_a_dialect_tells_all_its_mistakes() -> None:
+    text = (files("lmctl.exchange") / "dialects/plain.toml").read_text("utf-8")
+    for old, new in (('"G1"', '"G1 {mm}"'), ('"M3"', '"M3\\nS0"'), ("{seconds:", "{s:")):
+        text = text.replace(old, new)
+    with pytest.raises(ConfigError) as refused:
+        parse_dialect(text, name="own.toml")
+    told = refused.value.render()
+    for fact in ("own.toml has 3 mistakes", "it may name nothing in braces",
+                 "beam_on: holds a line end", "dwell: ", "it may name {seconds}"):
+        assert fact in told, told
+
+
 def test_a_calibration_of_another_machine_is_not_added_to(tmp_path: Path) -> None:
     save_calibration(Calibration(machine="the other cell"), tmp_path / "calibration.json")
     with pytest.raises(ConfigError) as refused:
@@ -143,6 +174,12 @@ def test_a_report_of_an_altered_journal(ran: Path, refused: Refused) -> None:
     told = refused("report", "run-0002", code=1)
     assert "was damaged or altered, and no report can be made of it" in told
     assert "line 6" in told
+
+
+def test_a_picture_of_a_layer_in_a_folder_that_is_not_there(ran: Path, refused: Refused) -> None:
+    told = refused("show", "part.lmj", "-o", "nowhere/layer.png", code=2)
+    assert "there is no folder nowhere" in told
+    assert "make it first" in told
 
 
 def test_a_part_whose_data_have_gone_or_changed(ran: Path, refused: Refused) -> None:

@@ -9,6 +9,7 @@ from scipy.sparse import csr_matrix, diags, eye
 
 from lmctl.design import linear_solver
 from lmctl.design.linear_solver import FieldSolver
+from lmctl.errors import InputError
 
 N = 400
 
@@ -27,6 +28,14 @@ def solver(request, monkeypatch):
 def test_a_chain_under_even_load_hangs_in_a_parabola(solver):
     x = np.arange(N)[:, None]
     assert np.allclose(solver.solve(np.ones((N, 1))), x * (N - 1 - x) / 2, rtol=1e-6)
+
+
+def test_equations_that_do_not_converge_are_told(solver, monkeypatch):
+    monkeypatch.setattr(linear_solver, "MAX_ITERATIONS", 0)
+    if linear_solver.DIRECT_UNKNOWNS == {2: 0}:
+        with pytest.raises(InputError, match="did not converge in 0 iterations") as refused:
+            solver.solve(np.ones((N, 1)))
+        assert "mesh_mm" in refused.value.hint
 
 
 def test_its_memory_is_free_as_soon_as_it_is_dropped(solver):

@@ -95,7 +95,7 @@ class MessageSites:
             elif isinstance(node, ast.Call):
                 self._calls[called_name(node.func)].append((node, scope))
         for one in module.classes:
-            self._base |= {one.name: called_name(base) for base in one.bases[:1]}
+            self._base[one.name] = called_name(one.bases[0]) if one.bases else ""
             self._own_init[one.name] += [
                 Scope(module, item, module.scope_of[item]) for item in one.body
                 if isinstance(item, FUNCTION) and item.name == "__init__"]

@@ -48,7 +48,8 @@ def test_what_is_no_endpoint(text):
      ("modbus-rtu:///dev/x?parity=M&stop=3", "parity=M and stop=3 will not do"),
      ("modbus-rtu:///dev/x?speed=9600&bits=7", "unknown key 'speed'; unknown key 'bits'"),
      ("modbus-rtu:///dev/x?baud=9600&baud=19200", "key 'baud' is given twice"),
-     ("modbus-rtu:///dev/x?9600", "unknown key '9600'")],
+     ("modbus-rtu:///dev/x?9600", "unknown key '9600'"),
+     ("modbus-rtu:///dev/x?&", "'&' is no key=value")],
 )
 def test_keys_of_a_serial_line_that_are_wrong_are_named_with_the_valid_ones(text, words):
     with pytest.raises(ConfigError, match="is not an endpoint") as caught:

@@ -64,6 +64,14 @@ def test_several_large_fields_need_memory_for_one_at_a_time() -> None:
     cost.refuse_if_too_large()
 
 
+def test_more_memory_than_is_allowed_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("LMCTL_MEMORY_MB", "500")
+    with pytest.raises(InputError, match=r"would take about 1\.2 GB of memory") as caught:
+        PartCost((mesh_of(60),)).refuse_if_too_large()
+    assert caught.value.where == ("allowed are 500 MB", "a mesh: 6e+07 grid nodes")
+    assert "make pitch_mm 1.3 times as large" in caught.value.hint
+
+
 def test_more_disk_than_is_free_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     disk_with(1e9, monkeypatch)
     PartCost((mesh_of(120),)).refuse_if_too_large()

@@ -31,6 +31,15 @@ LIDS = ("v 0 0 0\nv 9 0 0\nv 0 9 0\nv 0 0 9\ng solid\nf 1 3 2\nf 1 2 4\nf 2 3 4\
         "v nan 0 0\nv 1 0 0\nv 0 1 0\ng lid\nf 5 6 7\n")
 
 
+#: A block that a body far away is taken off, on a surface.
+SUBSTRATE = (
+    'combine = "difference"\n' + block_file((9, 9, 4))
+    + '[[body]]\nname = "far"\nkind = "box"\nlow_mm = [60, 0, -5]\nhigh_mm = [69, 9, 0]\n'
+    '[substrate]\nkind = "mesh"\nfile = "s.stl"\nunits = "mm"\n')
+AROUND = np.array([[-9, -9, 0], [18, -9, 0], [18, 18, 0], [-9, 18, 0]])
+BESIDE = np.array([[-90, 0, 0], [-80, 0, 0], [-90, 9, 0], [90, 0, 0], [99, 0, 0], [90, 9, 0]])
+
+
 def face(keys: str) -> str:
     """A composition of the body b that measures from a face of its own."""
     return ('name = "b"\ncomposition.feature = { kind = "face", of = "b", ' + keys
@@ -69,6 +78,14 @@ def told(error: LmctlError, facts: tuple[str, ...]) -> None:
         (GRADED + MAP,
          {"map__csv": "316L,WC-12Co,forbidden\n0,1,0\n0.3,0.7,1\n1,0,0\n"},
          ("map.csv is not a whole map", "row 2 of 3: 0.3, 0.7", "steps of 1/2")),
+        (GRADED + MAP, {"map__csv": HEAD + "0,1,0\n0.5,0.5,1\n0.5,0.5,1\n"},
+         ("map.csv is not a whole map", "3 rows", "steps of 1/2 are 3, each once",
+          "add the missing mixtures")),
+        (SUBSTRATE + 'of = "far"\n',
+         {"s__stl": binary_stl(np.array([[0, 1, 2], [0, 2, 3]]), AROUND)},
+         ("s.stl does not lie over 'far'", "42.0 mm beside it", "register")),
+        (SUBSTRATE, {"s__stl": binary_stl(np.array([[0, 1, 2], [3, 4, 5]]), BESIDE)},
+         ("s.stl has no surface over the part", "coordinates, and its units")),
         (SHOP + block_file((9, 9, 4)), {"shop__toml": b"\xff"},
          ("shop.toml is not text", "save it as UTF-8")),
         (SHOP + GRADED.replace("[[body]]", MORE + "[[body]]"),

@@ -10,6 +10,7 @@ import pytest
 from lmctl.errors import ConfigError, InputError
 from lmctl.examples.templates import write_template
 from lmctl.part.load import load_part
+from tests.part_files import block_file
 
 #: About y: turned by 2°, the ends of the bar are 1 mm off.
 TURN = np.radians(2.0)
@@ -59,6 +60,23 @@ def test_a_scan_that_lies_wrong_is_refused_with_how_far(repair, tmp_path, change
     with pytest.raises(InputError, match=told) as caught:
         load_part(with_scan(repair, tmp_path, change))
     assert "register" in caught.value.hint
+
+
+def test_a_scan_that_is_pushed_across_a_ridge_is_refused_with_the_way(tmp_path):
+    """Everywhere it is less than registration_mm too high or too low; both slopes show the way."""
+    (tmp_path / "roof.obj").write_text(
+        "v 0 0 0\nv 20 0 0\nv 10 0 3\nv 0 20 0\nv 20 20 0\nv 10 20 3\n"
+        "f 1 2 3\nf 4 6 5\nf 1 4 5 2\nf 2 5 6 3\nf 3 6 4 1\n")
+    x, y = (a.ravel() for a in np.meshgrid(np.arange(0, 20.1, 0.5), np.arange(0, 20.1, 0.5)))
+    scan = np.column_stack([x + 1.0, y, 3 - 0.3 * np.abs(x - 10)])
+    np.savetxt(tmp_path / "scan.xyz", scan, fmt="%.3f")
+    (tmp_path / "part.toml").write_text(
+        'combine = "difference"\n' + block_file((18, 18, 8), low_mm=(2, 2, 4))
+        + '[[body]]\nname = "roof"\nkind = "mesh"\nfile = "roof.obj"\nunits = "mm"\n'
+        '[substrate]\nkind = "scan"\nfile = "scan.xyz"\nunits = "mm"\nof = "roof"\n')
+    with pytest.raises(InputError, match=r"is shifted against 'roof' by 0\.9\d mm: x 0\.9") as told:
+        load_part(tmp_path / "part.toml")
+    assert "register" in told.value.hint
 
 
 def test_a_small_error_of_registration_is_accepted(repair, tmp_path):

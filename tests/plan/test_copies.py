@@ -159,6 +159,12 @@ def test_copies_that_overlap_are_refused_by_name(tmp_path):
     assert "'A2'" not in told
 
 
+def test_of_many_pairs_in_each_others_way_the_first_are_named(tmp_path):
+    told = refusal(tmp_path, ROW.format(apart=2).replace("count = [2, 1]", "count = [6, 1]"))
+    assert "'A1' and 'A2' overlap by 10.0 mm" in told
+    assert "and 5 more pairs" in told
+
+
 def test_copies_beyond_the_travel_are_refused_by_name(tmp_path):
     told = refusal(tmp_path, ROW.format(apart=30) + "[placement]\norigin_mm = [265, 10, 0]\n")
     assert "'A2', x: needs 295.0 to 311.0 mm, has 0 to 300" in told

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lmctl.errors import ConfigError
+from lmctl.errors import ConfigError, PlanError
 from lmctl.job.schema import LineKind
 from lmctl.part.load import load_part
 from lmctl.plan.execution import stage_workers
@@ -35,6 +35,13 @@ def bead_starts_s(layers):
     """When the first bead of each layer begins."""
     return [layer.lines["end_s"][np.argmax(layer.lines["kind"] == LineKind.BEAD) - 1]
             for layer in layers]
+
+
+def test_a_wait_longer_than_anybody_waits_is_refused(plan, monkeypatch):
+    monkeypatch.setattr("lmctl.plan.heat.heat_planner.LONGEST_WAIT_S", 0.5)
+    with pytest.raises(PlanError, match="would not cool to 250 °C within") as refused:
+        plan(LIMITED)
+    assert "contact" in refused.value.hint
 
 
 def test_a_limit_is_kept_by_waits_at_the_purge_position(plan, profile):
