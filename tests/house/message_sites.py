@@ -222,8 +222,10 @@ class MessageSites:
         called = function.name
         if called == "__init__":
             called = next(one.name for one in scope.module.classes if function in one.body)
+        is_own = called.startswith("_") or (  # which of several is called cannot be told
+            len(self._functions[called]) > 1 and "error" not in called)
         for call, where in self._calls[called]:
-            if not called.startswith("_") or where.module is scope.module:
+            if not is_own or where.module is scope.module:
                 self._follow_argument(call, at, name, where)
 
     def _definitions(self, name: str, scope: Scope) -> Iterable[Scope]:

@@ -125,6 +125,7 @@ def test_requests_are_answered_in_order_and_acts_are_reported(tmp_path):
     b'{"do": "refill", "hopper": "A\\n", "lot": "L", "mass_g": 5}\n',
     b'{"do": "override", "percent": true}\n', b'{"do": "override", "percent": 1e2}\n',
     b'{"do": "override", "percent": 9999999999999}\n', b'{"do": "watch", "every_s": NaN}\n',
+    b'{"do": "hold", "operator": 7}\n', b'{"do": "hold", "operator": "' + b"A" * 300 + b'"}\n',
     b'{"do": "watch", "every_s": 0}\n', b'{"do": "watch", "every_s": 1e400}\n',
     b'{"do": "status"' + b" " * MAX_REQUEST_BYTES + b"}\n", b"[" * 1000 + b"\n",
     b"x" * 100_000,

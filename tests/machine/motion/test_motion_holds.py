@@ -108,6 +108,30 @@ def test_resume_is_refused_while_it_still_decelerates(controller, in_virtual_tim
     in_virtual_time(main())
 
 
+def test_a_hold_that_does_not_end_and_a_restart_into_silence_are_told(controller, in_virtual_time):
+    device = controller(GRBL)
+
+    async def main() -> None:
+        async with device.on_tcp() as endpoint:
+            driver = await opened(endpoint)
+            driver.submit(PROGRAM)
+            await until(lambda: driver.lines_executed > 3)
+            await driver.hold()
+            device._realtime = lambda byte, usual=device._realtime: (
+                None if byte == RealtimeCommand.START else usual(byte))
+            with pytest.raises(MachineError, match="the hold did not end within") as held:
+                await driver.resume()
+            assert "safety door" in held.value.hint
+            device._realtime = lambda byte, usual=device._realtime: (
+                None if byte == RealtimeCommand.STATUS else usual(byte))
+            with pytest.raises(MachineError, match=r"restarted but answers no '\?'") as deaf:
+                await driver.reset(1.0)
+            assert deaf.value.hint == "switch it off and on"
+            await driver.close()
+
+    in_virtual_time(main())
+
+
 def test_reset_from_a_hold_keeps_the_position_and_in_motion_does_not(
     controller, in_virtual_time, dialect
 ):

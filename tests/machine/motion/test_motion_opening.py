@@ -238,6 +238,32 @@ def test_an_open_door_is_reported(controller, in_virtual_time):
     assert refusal(in_virtual_time, device).what == "the safety door is open"
 
 
+def test_a_controller_that_stays_busy_or_falls_silent_is_not_opened(controller, in_virtual_time):
+    device = controller(GRBLHAL)
+    device.state = "Sleep"
+    device.restart = lambda: device.write(b"\r\nGrblHAL 1.1f ['$' or '$HELP' for help]\r\n")
+    busy = refusal(in_virtual_time, device)
+    assert busy.what == "the motion controller stays in state Sleep"
+    assert "at its panel" in busy.hint
+    device = controller(GRBL, block_s=1e6)
+    reported = device.report
+
+    def report_once():
+        device.mute = len(device.asked_at_s) > 1
+        return reported()
+
+    device.report = report_once
+
+    async def main():
+        async with device.on_tcp() as endpoint:
+            device.feed(b"G1 X1\n")
+            await opened(endpoint, 3.0)
+
+    with pytest.raises(MachineError, match="the motion controller stopped answering") as silent:
+        in_virtual_time(main())
+    assert "cable and power" in silent.value.hint
+
+
 def test_an_alarm_does_not_prevent_opening(controller, in_virtual_time, dialect):
     device = controller(dialect)
     device.state = "Alarm"
