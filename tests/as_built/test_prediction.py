@@ -1,11 +1,14 @@
 """What a journal predicts: even where the machine was reported to go at an even pace."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from lmctl.as_built.believed_dilution import LevelDilution
 from lmctl.as_built.journal_powder import CommandedPowder
-from lmctl.as_built.prediction import _Beads, _strips
+from lmctl.as_built.prediction import _Beads, _strips, predicted_volume
+from lmctl.errors import InputError
 
 
 def straight_beads(angle, n_tracks=9, length=20.0, pitch=1.3, step=0.2):
@@ -33,6 +36,12 @@ def test_strips_that_close_up_fill_voxels_evenly_at_any_angle():
         centre = built.origin_mm[:2] + (np.stack([i, j], axis=2) + 0.5) * built.voxel_mm[:2]
         inside = ((np.abs(centre @ along[:2] - 10) < 9) & (np.abs(centre @ across[:2]) < 5))
         assert np.abs(filled[inside][:, :3] - 1).max() < 0.05
+
+
+def test_runs_that_deposited_nothing_predict_nothing():
+    with pytest.raises(InputError, match="reports no bead with powder") as refused:
+        predicted_volume(SimpleNamespace(), SimpleNamespace(), [])
+    assert "lmctl jobs" in refused.value.hint
 
 
 @pytest.mark.parametrize("substrate", [(1.0, 0.0, 0.0), (0.0, 0.0, 1.0), None])

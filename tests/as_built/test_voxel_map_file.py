@@ -80,6 +80,13 @@ def test_what_is_no_archive(tmp_path, content):
         read_voxel_map(tmp_path / "map.npz")
 
 
+def test_an_array_larger_than_any_map(tmp_path, monkeypatch):
+    monkeypatch.setattr("lmctl.as_built.voxel_map_file.MAX_ARRAY_BYTES", 100)
+    told = refusal(tmp_path)
+    assert "is not a voxel map" in told
+    assert "an array is too large" in told
+
+
 def test_a_map_cut_short(tmp_path):
     np.savez(tmp_path / "map.npz", **GOOD)
     whole = (tmp_path / "map.npz").read_bytes()

@@ -6,11 +6,16 @@ import json
 import shlex
 import shutil
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
+from lmctl.cli import recover
 from lmctl.cli.__main__ import main
 from lmctl.config.machine import load_profile
+from lmctl.errors import MachineError
+from lmctl.run.journal.format import read_records
+from lmctl.run.journal.writer import JournalWriter
 from tests.run.conftest import squares, write_job
 
 FAULTS = '[[fault]]\nkind = "hard_limit"\nat_line = 40\n'
@@ -114,3 +119,57 @@ def test_bead_that_is_in_no_doubt_is_not_stated(journal, refused):
     talk = refused("recover", "run-0001", "--sim", "--yes", "--position-restored",
                    "--deposited", "3", code=2)
     assert "no bead is in doubt" in talk
+
+
+def test_who_says_no_has_recovered_nothing(journal, refused, monkeypatch):
+    monkeypatch.setattr(recover, "ask_confirmation", lambda *_: False)
+    talk = refused("recover", "run-0001", "--sim", "--position-restored", code=2)
+    assert "not recovered: nothing has been sent that moves the machine" in talk
+    assert "the same command asks again" in talk
+
+
+def test_a_run_that_its_job_has_ended_is_not_recovered(journal, refused):
+    """Whoever goes on with such a job meets the same again."""
+    first, *records = read_records(journal)
+    *records, seal = records
+    journal.unlink()
+    own = {"seq", "prev", "t", "kind"}
+
+    def fields(record, **changes):
+        return {key: value for key, value in record.items() if key not in own} | changes
+
+    header = {key: value for key, value in fields(first).items() if key not in ("format", "local")}
+    with JournalWriter(journal, header, local=first["local"]) as made:
+        for record in records:
+            made.append(record["t"], record["kind"], **fields(record))
+        made.seal(seal["t"], **{key: value for key, value in fields(
+            seal, recoverable=False).items() if key != "records"})
+    talk = refused("recover", "run-0001", "--sim", "--yes", code=1)
+    assert "ended because of its job, which would go wrong again" in talk
+    assert "plan the part again" in talk
+
+
+def test_a_part_of_which_only_the_way_back_is_missing(tripped, lmctl, refused, tmp_path):
+    """The limit switch was met behind the last bead: nothing of the part is missing."""
+    shutil.copytree(tripped, tmp_path, dirs_exist_ok=True)
+    lines = sum(map(len, squares()))
+    (tmp_path / "faults.toml").write_text(FAULTS.replace("40", str(lines - 2)))
+    assert lmctl("run", "part.lmj", "--sim", "--faults", "faults.toml").code == 5
+    talk = refused("recover", "run-0002", "--sim", "--yes", "--position-restored", code=1)
+    assert "has deposited every bead of its job: nothing is left" in talk
+
+
+@pytest.mark.parametrize(
+    ("status", "facts"),
+    [
+        (None, ("does not say where it is", "lmctl machine doctor")),
+        (SimpleNamespace(state="Alarm"),
+         ("is in alarm, and has no homing cycle ($22=0)", "lmctl machine unlock")),
+    ],
+)
+def test_a_controller_that_cannot_be_gone_on_with(status, facts):
+    motion = SimpleNamespace(status=status)
+    with pytest.raises(MachineError) as refused:
+        recover._refuse_lost(SimpleNamespace(), motion, SimpleNamespace(lost=""), restored=False)
+    for fact in facts:
+        assert fact in refused.value.render()

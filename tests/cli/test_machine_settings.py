@@ -5,6 +5,9 @@ from __future__ import annotations
 import re
 from importlib.resources import files
 from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
 
 from lmctl.run.journal.format import read_records
 from tests.cli.conftest import HOMING
@@ -125,3 +128,20 @@ def test_behind_a_watchdog_relay_settings_can_be_read_all_the_same(lmctl):
                   "--bench", examples / "bench-safe.toml")
     assert shown.code == 0, shown.talk
     assert "laser mode" in shown.data
+
+
+@pytest.mark.parametrize(("words", "told"), [
+    (("settings", "--sim"), "does not report its settings in state Hold"),
+    (("offset", "--sim"), "does not report its offsets in state Hold"),
+])
+def test_a_controller_that_reports_nothing_but_its_state(refused, monkeypatch, words, told):
+    async def looked_at(endpoint, *, baud):
+        return SimpleNamespace(report=SimpleNamespace(state="Hold"), identity=None, settings={},
+                               offset_mm=None)
+
+    monkeypatch.setattr("lmctl.machine.manual.inspect_motion.inspect_controller", looked_at)
+    monkeypatch.setattr("lmctl.cli.machine_actions._look", lambda *_: SimpleNamespace(
+        motion=SimpleNamespace(report=SimpleNamespace(state="Hold"), offset_mm=None)))
+    talk = refused("machine", *words, code=4)
+    assert told in talk
+    assert "lmctl machine doctor" in talk

@@ -17,6 +17,7 @@ from lmctl.cli.calibrations import stored_calibration
 from lmctl.cli.profiles import load_checked_profile
 from lmctl.errors import ConfigError
 from lmctl.exchange.dialect import parse_dialect
+from tests.part.angle_solid import binary_stl
 from tests.part_files import block_file
 
 Refused = Callable[..., str]
@@ -182,8 +183,33 @@ def test_a_picture_of_a_layer_in_a_folder_that_is_not_there(ran: Path, refused: 
     assert "make it first" in told
 
 
-def test_a_part_whose_data_have_gone_or_changed(ran: Path, refused: Refused) -> None:
-    (ran / "other").mkdir()
+def test_a_copy_that_a_job_has_not(ran: Path, refused: Refused) -> None:
     told = refused("report", "run-0002", "--as-built", "--copy", "B", code=1)
     assert "the job has no copy 'B'" in told
     assert "it is of one part" in told
+
+
+def test_a_comparison_with_data_that_have_gone_or_changed(
+    ran: Path, refused: Refused, lmctl: Callable[..., Any]
+) -> None:
+    mesh = ran / "angle.stl"
+    mesh.write_bytes(binary_stl())
+    assert lmctl("plan", mesh, "--units", "mm", "-o", "runs/run-0002/job.lmj").code == 0
+    mesh.write_bytes(binary_stl(head=b"another"))
+    told = refused("report", "run-0002", "--as-built", code=1)
+    assert "angle.stl has changed since the part was planned" in told
+    assert "planned from" in told
+    mesh.unlink()
+    told = refused("report", "run-0002", "--as-built", code=2)
+    assert "the part's data file angle.stl is not here" in told
+    assert "--data" in told
+
+
+def test_a_comparison_by_an_altered_journal(ran: Path, refused: Refused) -> None:
+    journal = ran / "runs/run-0002/journal.jsonl"
+    lines = journal.read_text().splitlines(keepends=True)
+    lines.insert(5, '{"t": 1.0}\n')
+    journal.write_text("".join(lines))
+    told = refused("report", "run-0002", "--as-built", code=1)
+    assert "was damaged or altered, and nothing can be compared by it" in told
+    assert "restore the journal from a copy" in told

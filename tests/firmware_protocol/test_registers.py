@@ -198,3 +198,8 @@ def test_a_block_needs_rows_of_one_kind():
     for names in ([], ["A", "B"]):
         with pytest.raises(RegisterError):
             table.contiguous_block(names)
+
+
+def test_an_input_is_never_written():
+    with pytest.raises(RegisterError, match="A: an input cannot be written"):
+        RegisterMap([Register("A", RegisterSpace.INPUT, 0, writable=True)])

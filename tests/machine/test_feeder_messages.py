@@ -17,11 +17,15 @@ from firmware_protocol.pmx import (
     FeederStatusBits,
     HopperStatusBits,
 )
-from lmctl.config.machine import FeederSettings
+from lmctl.config.machine import FeederSettings, SafetySettings
 from lmctl.errors import MachineError
 from lmctl.machine.feeder.driver import FeederDriver
+from lmctl.machine.manual.inspect_modbus import inspect_feeder, inspect_safety
 from simulators import virtual_time
 from simulators.modbus_errors import ExceptionReplyError
+from simulators.modbus_server import serve_tcp
+from simulators.safety.config import SafetyConfig
+from simulators.safety.device import SimulatedSafetyDevice
 from tests.machine.feeder_cell import ONE, driven, hopper, simulated
 
 Forge = Callable[[int], int]
@@ -242,5 +246,42 @@ def test_a_feeder_that_falls_silent_before_its_hoppers_are_known() -> None:
             with pytest.raises(MachineError, match="its hoppers were not read within") as told:
                 await driver.complete_status()
             assert told.value.hint
+
+    virtual_time.run_in_virtual_time(main())
+
+
+@pytest.mark.parametrize(
+    ("refuse", "words", "facts"),
+    [
+        (lambda *_: 4, {}, ("feeder F1: it cannot do this", "LOCAL")),
+        (lambda *_: 0, {"STATE": lambda _: 77}, ("feeder F1: its answer makes no sense", "PMX?")),
+    ],
+)
+def test_a_feeder_that_cannot_be_looked_at(
+    refuse: Refuse, words: dict[str, Forge], facts: tuple[str, ...]
+) -> None:
+    async def main() -> None:
+        async with simulated(FIRST_MAP) as (_, server):
+            Forged(server, {register(name): forge for name, forge in words.items()}, refuse=refuse)
+            with pytest.raises(MachineError) as told:
+                await inspect_feeder(
+                    FeederSettings(name="F1", endpoint=server.endpoint), [hopper()])
+            assert told.value.hint
+            for fact in facts:
+                assert fact in told.value.render(), told.value.render()
+
+    virtual_time.run_in_virtual_time(main())
+
+
+def test_a_safety_device_that_cannot_be_looked_at() -> None:
+    async def main() -> None:
+        device = SimulatedSafetyDevice(SafetyConfig(), asyncio.get_running_loop().time)
+        server = await serve_tcp(device)
+        Forged(server, refuse=lambda *_: 4)
+        with pytest.raises(MachineError, match="safety device: it cannot do this") as told:
+            await inspect_safety(SafetySettings(endpoint=server.endpoint))
+        assert "device 1" in told.value.where[0]
+        assert told.value.hint
+        await server.close()
 
     virtual_time.run_in_virtual_time(main())

@@ -247,3 +247,12 @@ def test_plane_points_match_the_array() -> None:
     plane = PlaneGrid((1.0, 2.0), 0.5, (2, 3))
     points = plane_points(plane, 7.0).reshape(2, 3, 3)
     assert points[1, 2].tolist() == [2.0, 2.5, 7.0]
+
+
+def test_nothing_of_a_body_lies_deeper_than_its_deepest_place() -> None:
+    box = OffsetBody(Box((0, 0, 0), (4, 5, 6)), 2.5, Grid.enclosing(
+        np.zeros(3), np.array([4.0, 5, 6]), 0.25))
+    with pytest.raises(InputError, match=r"nothing lies deeper than 2\.5 mm") as refused:
+        _ = box.tight_bounds_mm
+    assert "the deepest place is at 2 mm" in refused.value.where[0]
+    assert "lower from_mm" in refused.value.hint

@@ -178,3 +178,29 @@ def test_a_flat_surface_is_measured_from_and_deposited_on(folder: Folder) -> Non
     part = load_part(folder(part__toml=text, s__stl=flat) / "part.toml")
     assert part.composition(np.array([[4.0, 4.0, 1.0]]))[0] == pytest.approx([0.75, 0.25])
     assert part.layer_stack is None  # level, as on a plate
+
+
+def test_solids_of_which_nothing_is_left_when_they_are_united(
+    folder: Folder, making: type, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("lmctl.part.sources.mesh_solids.OVERLAP_MM", 1000.0)
+    boxes = making.join([making.box((0, 0, 0), (9, 9, 9)), making.box((5, 5, 5), (15, 15, 15))])
+    text = STEEL + '[[body]]\nkind = "mesh"\nfile = "a.stl"\nunits = "mm"\n'
+    path = folder(part__toml=text, a__stl=making.stl(boxes)) / "part.toml"
+    with pytest.raises(InputError) as refused:
+        load_part(path)
+    told(refused.value, ("the solids of the mesh a.stl cannot be united", "2 shells",
+                         "unite them in the program they came from"))
+
+
+def test_a_cloud_whose_fitted_surface_leaves_its_grid(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("lmctl.part.bodies.is_closed", lambda field: False)
+    directions = np.random.default_rng(1).normal(size=(2000, 3))
+    points = 8 * directions / np.linalg.norm(directions, axis=1)[:, None]
+    np.savetxt(tmp_path / "a.xyz", points)
+    with pytest.raises(InputError) as refused:
+        part_from_model(tmp_path / "a.xyz", "mm")
+    told(refused.value, ("fitted to the point cloud is not closed", "reaches the edge of its grid",
+                         "larger pitch_mm"))

@@ -14,12 +14,13 @@ import pytest
 
 from lmctl.config.machine import load_profile
 from lmctl.errors import JobError, JournalError, LmctlError, MachineError, UsageError
-from lmctl.run.cell.acceptance import refuse_unready
+from lmctl.run.cell import acceptance
 from lmctl.run.cell.beam_control import BeamControl
 from lmctl.run.cell.devices import Cell
 from lmctl.run.cell.ownership import lock_machine
 from lmctl.run.control.client import send_request
 from lmctl.run.control.socket_path import SOCKET_NAME, connect_to_run
+from lmctl.run.execution.run_segment import RunSegmentFactory
 from lmctl.run.executor import RunExecutor
 from lmctl.run.interlocks.alarms import InterlockError
 from lmctl.run.journal import run_folders
@@ -213,9 +214,24 @@ def test_a_machine_that_does_not_arrive(at_mm, state: str, facts: tuple[str, ...
 
 def test_all_that_keeps_a_run_from_starting_is_told_at_once() -> None:
     with pytest.raises(MachineError) as refused:
-        refuse_unready([
+        acceptance.refuse_unready([
             InterlockError("door", "the door is open", hint="close it"),
             InterlockError("chiller", "the chiller is warm", hint="wait"),
         ])
     told(refused.value, "the cell is not ready", "the door is open", "the chiller is warm")
     assert refused.value.hint == "close it; wait"
+
+
+def test_a_machine_that_stands_elsewhere_than_when_its_recovery_was_decided_on() -> None:
+    continues = SimpleNamespace(standstill_mm=(10.0, 12.5, 20.0), run="run-0003")
+    with pytest.raises(MachineError) as refused:
+        acceptance._refuse_displaced(Controller(at_mm=(0.0, 0.0, 0.0)), continues)
+    told(refused.value, "says another place than a moment ago", "it reports X0.000 Y0.000 Z0.000",
+         "reported X10.000 Y12.500 Z20.000 before", "DTR", "recover run-0003 again")
+    acceptance._refuse_displaced(Controller(at_mm=(10.0, 12.5, 20.0)), continues)
+
+
+def test_deposition_that_ended_nowhere_known_is_not_gone_on_with() -> None:
+    with pytest.raises(MachineError) as refused:
+        RunSegmentFactory.create(SimpleNamespace(), SimpleNamespace(is_doubtful=True), None, 100)
+    told(refused.value, "where deposition ended is not known", "lmctl recover")

@@ -8,14 +8,17 @@ import socket
 import sys
 from contextlib import suppress
 
+import httpx
 import pytest
 
 from lmctl.errors import ConfigError, JournalError, LmctlError, UsageError
 from lmctl.run.control.server import listening_socket
 from lmctl.web import report_process
-from lmctl.web.access import read_token
+from lmctl.web.access import AccessPolicy, read_token
+from lmctl.web.application import dash_application
 from lmctl.web.control_link import ControlLink
 from lmctl.web.report_process import report_as_html_apart
+from lmctl.web.run_catalogue import RunCatalogue
 from lmctl.web.server import DashSettings, serve_dash
 from tests.web.conftest import OPERATOR, bearer
 
@@ -84,6 +87,35 @@ def test_a_run_that_nothing_drives_cannot_be_acted_on(asking):
 
     with pytest.raises(JournalError, match="is not under way"):
         asyncio.run(enter(asking.runs_dir / "run-0001"))
+
+
+def test_an_act_on_a_run_that_is_no_longer_as_it_was_seen_is_refused(runs_dir):
+    async def serve(reader, writer):
+        while await reader.readline():
+            writer.write(b'{"ok": true, "state": "held"}\n')
+            await writer.drain()
+        writer.close()
+
+    async def main():
+        with listening_socket(runs_dir / "run-0001") as listening:
+            server = await asyncio.start_unix_server(serve, sock=listening)
+            async with RunCatalogue(runs_dir) as catalogue:
+                app = dash_application(catalogue, AccessPolicy(OPERATOR))
+                async with httpx.AsyncClient(transport=httpx.ASGITransport(app=app),
+                                             base_url="http://127.0.0.1:8440") as client:
+                    seat = await client.post(
+                        "/api/seat", headers=bearer(OPERATOR), json={"operator": "Ada"})
+                    headers = bearer(OPERATOR, **{"X-Operator-Seat": seat.json()["seat"]})
+                    answer = await client.post(
+                        "/api/runs/run-0001/acts", headers=headers,
+                        json={"act": "hold", "seen_state": "depositing", "number": 1})
+            server.close()
+            await asyncio.sleep(0)
+            return answer
+
+    answer = asyncio.run(main())
+    assert answer.json()["error"] == "cannot hold: the run is held, and you saw depositing"
+    assert "look at the state" in answer.json()["hint"]
 
 
 def test_a_layer_or_a_job_that_is_not_there_is_named(asking):

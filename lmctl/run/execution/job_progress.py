@@ -9,7 +9,6 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 
-from lmctl.errors import JobError
 from lmctl.run.cell.devices import Cell
 from lmctl.run.execution.run_segment import RunSegment, RunSegmentFactory
 from lmctl.run.journal.recorder import RunRecorder
@@ -98,17 +97,10 @@ class JobProgress:
     # --- on and off ---------------------------------------------------------------------------
 
     def begin(self, segments: RunSegmentFactory) -> None:
-        """A machine has been accepted: make ready for the first line to be run on it.
-
-        Raises JobError where no bead is left to deposit.
-        """
+        """A machine has been accepted: make ready for the first line to be run on it."""
         self._segments = segments
         self._work = segments.create(self._begins_at, None, self.override_percent)
-        if self._work is None:
-            raise JobError("no bead of this job is left to lay",
-                           where=f"from {self._begins_at.place}",
-                           hint="the part is deposited as far as its job goes: nothing is to be "
-                                "recovered")
+        assert self._work is not None, "recovery refuses a run that has deposited every bead"
 
     def continue_after_hold(self) -> bool:
         """A hold ends: prepare to resume from the place reached; False where no bead is left."""
