@@ -1,12 +1,13 @@
-"""A pytest plugin that notes which error messages the tests bring about, by their place.
+"""A pytest plugin that notes which error messages the tests bring about, and misses the others.
 
-    python -m pytest -p tests.house.message_log tests/config
+    python -m pytest -p tests.house.message_log
+    LMCTL_MESSAGES=FOLDER python -m pytest -p tests.house.message_log tests/config
 
 The modules that write messages are compiled so that each text is noted when it is made. A message
 is reached if one of its texts was said, too: by an error of lmctl, a finding, a mistake in a table,
-or an exception that a test expects. Each process of the run writes what it reached into a file of
-its own, in the folder that the variable LMCTL_MESSAGES names; `tests.house.messages` compares them
-with the code.
+or an exception that a test expects. A run of all tests fails where a message is not reached. With
+LMCTL_MESSAGES set to a folder, a run of any tests writes what it reached into a file there;
+`tests.house.messages` compares such files with the code.
 """
 
 from __future__ import annotations
@@ -139,9 +140,55 @@ def pytest_load_initial_conftests(early_config: pytest.Config) -> None:
         setattr(kind, name, _after(getattr(kind, name), note))
 
 
-def pytest_unconfigure(config: pytest.Config) -> None:
-    folder = Path(os.environ.get("LMCTL_MESSAGES", ".messages"))
-    folder.mkdir(parents=True, exist_ok=True)
+def _reached() -> list[str]:
     said = "\n".join(sorted(_said))
-    reached = sorted(key for key, texts in _made.items() if any(text in said for text in texts))
-    (folder / f"{os.getpid()}.json").write_text(json.dumps(reached), encoding="utf-8")
+    return sorted(key for key, texts in _made.items() if any(text in said for text in texts))
+
+
+class _Tally:
+    """What all processes of a run have reached. session : of the process that started them"""
+
+    def __init__(self) -> None:
+        self.reached: set[str] = set()
+        self.missing: list[Site] = []
+
+    @pytest.hookimpl(optionalhook=True)
+    def pytest_testnodedown(self, node: Any, error: object) -> None:
+        self.reached.update(getattr(node, "workeroutput", {}).get("messages", ()))
+
+    @pytest.hookimpl(trylast=True)
+    def pytest_sessionfinish(self, session: pytest.Session, exitstatus: int) -> None:
+        self.reached.update(_reached())
+        if folder := os.environ.get("LMCTL_MESSAGES"):
+            Path(folder).mkdir(parents=True, exist_ok=True)
+            (Path(folder) / f"{os.getpid()}.json").write_text(
+                json.dumps(sorted(self.reached)), encoding="utf-8")
+        if exitstatus == 0 and _is_of_all_tests(session.config):
+            sites = MessageSites().by_node().values()
+            self.missing = [site for site in sites if site.key not in self.reached]
+            if self.missing:
+                session.exitstatus = pytest.ExitCode.TESTS_FAILED
+
+    def pytest_terminal_summary(self, terminalreporter: Any) -> None:
+        if self.missing:
+            terminalreporter.section("messages that no test brings about")
+            for site in self.missing:
+                terminalreporter.line(f"{site.path}:{site.line}: {site.pattern}")
+
+
+def _is_of_all_tests(config: pytest.Config) -> bool:
+    chosen = config.option
+    return config.args_source is pytest.Config.ArgsSource.TESTPATHS and not (
+        chosen.keyword or chosen.markexpr or chosen.deselect or chosen.collectonly
+        or getattr(chosen, "lf", False))
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    if not hasattr(config, "workerinput"):
+        config.pluginmanager.register(_Tally(), "message tally")
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    output = getattr(session.config, "workeroutput", None)
+    if output is not None:
+        output["messages"] = _reached()
