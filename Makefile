@@ -13,14 +13,14 @@ demo: $(VENV)/.installed
 
 ## every test, in a fresh or existing .venv
 test: $(VENV)/.installed-test
-	$(BIN)/python -m pytest -n 2 --dist worksteal
+	$(BIN)/python -m pytest -n 2 --dist worksteal -p tests.house.message_log
 
 ## style, types, import contracts, tests
 check: $(VENV)/.installed-test
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	$(BIN)/python -m pytest -n 2 --dist worksteal
+	$(BIN)/python -m pytest -n 2 --dist worksteal -p tests.house.message_log
 
 ## the benchmarks, each one JSON object; with the peers they measure against, and over an hour long
 bench: $(VENV)/.installed-bench

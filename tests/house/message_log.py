@@ -61,26 +61,28 @@ class _Noting(ast.NodeTransformer):
         return ast.fix_missing_locations(ast.copy_location(call, node))
 
 
+def _noting_codes() -> dict[str, CodeType]:
+    """The code of every module that has messages, by its path; trees take too much to keep."""
+    return {
+        str(ROOT / module.path): compile(
+            _Noting(sites).visit(module.tree), str(ROOT / module.path), "exec", dont_inherit=True)
+        for module, sites in MessageSites().by_module()}
+
+
 class _Loader(importlib.machinery.SourceFileLoader):
-    def __init__(self, name: str, path: str, sites: MessageSites) -> None:
+    def __init__(self, name: str, path: str, codes: Mapping[str, CodeType]) -> None:
         super().__init__(name, path)
-        self._sites = sites
+        self._codes = codes
 
     def get_code(self, fullname: str) -> CodeType | None:
-        path = Path(self.path).relative_to(ROOT).as_posix()
-        sites = self._sites.by_node(path)
-        if not sites:
-            return super().get_code(fullname)
-        tree = _Noting(sites).visit(self._sites.tree(path))
-        code: CodeType = compile(tree, self.path, "exec", dont_inherit=True)
-        return code
+        return self._codes.get(str(self.path)) or super().get_code(fullname)
 
 
 class _Finder(importlib.abc.MetaPathFinder):
     """Finds the modules of the packages whose messages are noted."""
 
-    def __init__(self, sites: MessageSites) -> None:
-        self._sites = sites
+    def __init__(self, codes: Mapping[str, CodeType]) -> None:
+        self._codes = codes
 
     def find_spec(
         self, name: str, path: Sequence[str] | None, target: ModuleType | None = None
@@ -89,7 +91,7 @@ class _Finder(importlib.abc.MetaPathFinder):
             return None
         spec = importlib.machinery.PathFinder.find_spec(name, path or [str(ROOT)], target)
         if spec is not None and isinstance(spec.loader, importlib.machinery.SourceFileLoader):
-            spec.loader = _Loader(name, spec.loader.path, self._sites)
+            spec.loader = _Loader(name, spec.loader.path, self._codes)
         return spec
 
 
@@ -123,11 +125,13 @@ def _note_expected(_: Any, kind: Any, error: BaseException | None, trace: Any) -
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_load_initial_conftests(early_config: pytest.Config) -> None:
-    """Before any conftest imports what is to be noted."""
+    """Before any conftest imports what is to be noted, in the processes that run tests."""
+    if getattr(early_config.known_args_namespace, "numprocesses", None):
+        return
     early = sorted(name for name in sys.modules if name.partition(".")[0] in PACKAGES)
     assert not early, f"imported before their messages could be noted: {early}"
     setattr(builtins, _NOTE, _note_made)
-    sys.meta_path.insert(0, _Finder(MessageSites()))
+    sys.meta_path.insert(0, _Finder(_noting_codes()))
 
     from firmware_protocol.table_reader import TableReader
     from lmctl.errors import Finding, LmctlError
@@ -164,8 +168,7 @@ class _Tally:
             (Path(folder) / f"{os.getpid()}.json").write_text(
                 json.dumps(sorted(self.reached)), encoding="utf-8")
         if exitstatus == 0 and _is_of_all_tests(session.config):
-            sites = MessageSites().by_node().values()
-            self.missing = [site for site in sites if site.key not in self.reached]
+            self.missing = [site for site in MessageSites().all() if site.key not in self.reached]
             if self.missing:
                 session.exitstatus = pytest.ExitCode.TESTS_FAILED
 

@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import ast
 from collections import Counter, defaultdict
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from itertools import groupby
 from typing import NamedTuple
 
 from tests.house.source_modules import (
@@ -72,21 +73,23 @@ class MessageSites:
             for call, scope in calls:
                 self._say(call, scope)
 
-    def tree(self, path: str) -> ast.Module:
-        """A module, parsed: the tree that holds its texts."""
-        return next(module.tree for module in self._modules if module.path == path)
+    def all(self) -> list[Site]:
+        """In the order of the code."""
+        return [site for _, of_module in self.by_module() for site in of_module.values()]
 
-    def by_node(self, path: str = "") -> dict[ast.expr, Site]:
-        """Texts of one module (all without one) in the order of the code, by their nodes."""
-        sites: dict[ast.expr, Site] = {}
-        seen: Counter[tuple[str, str]] = Counter()
-        for node, module in sorted(self._found.items(), key=lambda item: (
-                item[1].path, item[0].lineno, item[0].col_offset)):
-            if path in ("", module.path):
+    def by_module(self) -> Iterator[tuple[SourceModule, dict[ast.expr, Site]]]:
+        """Modules that have any, in order, each with the nodes of its tree that are messages."""
+        for module, of_module in groupby(
+            sorted(self._found.items(), key=lambda item: (
+                item[1].path, item[0].lineno, item[0].col_offset)), key=lambda item: item[1]
+        ):
+            sites: dict[ast.expr, Site] = {}
+            seen: Counter[str] = Counter()
+            for node, _ in of_module:
                 pattern = pattern_of(module, node)
-                seen[module.path, pattern] += 1
-                sites[node] = Site(module.path, node.lineno, pattern, seen[module.path, pattern])
-        return sites
+                seen[pattern] += 1
+                sites[node] = Site(module.path, node.lineno, pattern, seen[pattern])
+            yield module, sites
 
     def _index(self, module: SourceModule) -> None:
         for node, scope in module.scope_of.items():

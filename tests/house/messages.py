@@ -29,7 +29,7 @@ def main(arguments: list[str]) -> int:
     if not arguments:
         print(__doc__)
         return 2
-    known = MessageSites().by_node().values()
+    known = MessageSites().all()
     missing = untested(map(Path, arguments), known)
     for site in missing:
         print(f"{site.path}:{site.line}: {site.pattern}")

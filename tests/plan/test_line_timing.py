@@ -3,9 +3,14 @@
 import numpy as np
 import pytest
 
+from lmctl.errors import PlanError
 from lmctl.job.schema import LineKind
 from lmctl.plan.sequence.beads import Beads
-from lmctl.plan.sequence.line_timing import gap_line_ranges, with_time_for_powder
+from lmctl.plan.sequence.line_timing import (
+    gap_line_ranges,
+    split_long_lines,
+    with_time_for_powder,
+)
 from lmctl.plan.sequence.moves import rounded_to_program_steps
 from lmctl.plan.sequence.travel import TravelSettings, layer_moves
 from lmctl.plan.sequence.velocity_profile import line_durations
@@ -25,6 +30,13 @@ def corner(lead_in_mm):
     settings = TravelSettings(50, 5, lead_in_mm, 2.0, 0.0, 0.02)
     return rounded_to_program_steps(
         layer_moves(beads, 1.0, np.zeros(3), START, settings, np.array([1.0, 0])), START)
+
+
+def test_lines_shorter_than_the_steps_of_the_program_are_refused(profile):
+    with pytest.raises(PlanError, match="cannot be split into lines of 0.001 s") as refused:
+        split_long_lines(corner(1.0), START, profile.motion, 1e-3)
+    assert "the longest lasts" in refused.value.where[0]
+    assert "send_horizon_s" in refused.value.hint
 
 
 def gap_lines(moves, path):

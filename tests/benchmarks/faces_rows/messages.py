@@ -31,7 +31,7 @@ def rows() -> dict[str, float | int]:
 
 
 def _rows(folder: Path) -> dict[str, float | int]:
-    known = MessageSites().by_node().values()
+    known = MessageSites().all()
     missing = untested([folder], known)
     for site in missing:
         print(f"{site.path}:{site.line}: {site.pattern}", file=sys.stderr)
