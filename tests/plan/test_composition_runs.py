@@ -96,6 +96,14 @@ def test_noise_at_the_edge_of_a_quantum_makes_one_run():
     assert len(levels) == 1
 
 
+def test_a_track_of_one_mixture_has_it_whatever_the_quantum():
+    """Half a quantum off was half of the tolerance of a path, for no line less of the program."""
+    rng = np.random.default_rng(3)
+    second = 0.4712 + rng.uniform(-0.004, 0.004, 500)
+    _, levels = runs_of_one(second)
+    assert levels[:, 1] == pytest.approx([0.4712], abs=0.0012)
+
+
 def test_noise_on_a_slope_does_not_flicker():
     rng = np.random.default_rng(1)
     second = np.linspace(0.2, 0.4, 2000) + rng.uniform(-0.001, 0.001, 2000)

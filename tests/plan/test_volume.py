@@ -196,6 +196,22 @@ def test_tracks_of_neighbouring_layers_do_not_lie_upon_each_other(geometry_of, w
     assert np.median(apart) >= 0.25 * PITCH
 
 
+@pytest.mark.parametrize("pitches", [11.05, 11.6, 12.47, 13.9, 17.5])
+def test_tracks_of_a_wide_wall_lie_half_a_pitch_from_those_of_other_layers(geometry_of, pitches):
+    """From one side to the other: where they drifted together, beads lay on beads in the middle."""
+    wall = box(0, 0, 50, pitches * PITCH)
+    middle = LineString([(25, -1), (25, pitches * PITCH + 1)])
+    across = []
+    for layer in (0, 1):
+        geometry = geometry_of(wall, lambda p: p[:, 1] * 100 % 1, layer=layer)
+        across.append(np.sort(np.concatenate([
+            shapely.get_coordinates(LineString(geometry.points_mm[geometry.track(k)])
+                                    .intersection(middle))[:, 1]
+            for k in range(geometry.n_tracks)])))
+    apart = np.abs(across[0][2:-2, None] - across[1]).min(axis=1)
+    assert apart.min() >= 0.38 * PITCH
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_crumbs_of_any_size_have_a_track_or_are_listed(geometry_of, seed):
     """From far below a node of the raster to half a bead, wherever they lie between its nodes."""

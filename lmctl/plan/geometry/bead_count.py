@@ -28,8 +28,13 @@ SHORTEST_CENTRELINE_BEADS = 2.0
 #: walls cross) and at the end of one.
 _MOST_MORE_BETWEEN, _MOST_MORE_AT_END = 1.2, 0.6
 #: So many tracks, from and to, become one more in every other layer. Of fewer the strips would be
-#: too thin; more of them are moved apart by the strip of the second (level_field.py).
+#: too thin.
 _ONE_MORE = 5, 10
+#: Where so many pitches or more lie across, the strip of the second track moves those within it by
+#: a quarter pitch from both sides, outwards in odd layers and inwards in the others
+#: (level_field.py). What is left in the middle is so half a pitch more than in the mean, or less:
+#: one track more in odd layers lies half a pitch from the others all the way.
+_MOVED_APART = 11
 #: Points of the axis whose depth differs by less, in nodes, are as deep as each other.
 _LEVEL_NODES = 0.25
 #: Opposite walls face each other along a stretch so long at least, in nodes; where spokes meet in
@@ -63,7 +68,7 @@ def bead_count(
 ) -> BeadCount:
     """Tracks across at every point of the axis; none where it is narrower than `least_width_mm`.
 
-    is_odd_layer : where five to ten lie across in other layers, one more does, between them
+    is_odd_layer : where five or more lie across in other layers, one more does, between them
     """
     order = np.argsort(-axis.depth_mm, kind="stable")
     links = axis.links
@@ -77,6 +82,8 @@ def bead_count(
     count = _nearest_count(2 * axis.depth_mm, least_width_mm, pitch_mm)
     if is_odd_layer:
         count += (count >= _ONE_MORE[0]) & (count <= _ONE_MORE[1])
+    whole = np.floor(2 * axis.depth_mm / pitch_mm).astype(np.int64)
+    count = np.where(whole >= _MOVED_APART, whole + int(is_odd_layer), count)
     peak = own & ~is_central
     count[peak] = _even_count(2 * axis.depth_mm, count, pitch_mm)[peak]
     wide = axis.depth_mm >= least_width_mm / 2 * (1 - 1e-6)

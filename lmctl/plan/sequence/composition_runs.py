@@ -3,7 +3,8 @@
 A length of track whose quantised composition stays the same is a *run*. The composition deposited
 is exactly a quantum in the middle of each run and linear in between, so that the feeders follow
 slopes where a staircase would command jumps; where the field itself jumps, it changes between
-the two points of the track on either side. So it stays within 1.1 quanta of the field: 0.6 by
+the two points of the track on either side. A track along which the mixture does not change has its
+own, more finely. So it stays within 1.1 quanta of the field: 0.6 by
 which a run lets the field leave its value, half of one where the change to the next has begun. On
 even slopes it is no more than 0.6.
 
@@ -24,6 +25,9 @@ from lmctl.field.kernel import inner_kernel, kernel
 _HYSTERESIS = 0.6
 #: In quanta: a field that changes by more between two points of a track jumps there.
 _JUMP = 0.75
+#: A track of one mixture has it to this part of a quantum: steps along a path need knots, and so
+#: lines of the program; a track without steps does not, and half a quantum would be off for nothing.
+_STEADY_PARTS = 10
 
 
 @dataclass(frozen=True)
@@ -150,7 +154,8 @@ def _runs(
     """First vertex (r,) and quantised composition (r, materials) of each run.
 
     A run ends where the field leaves it, and at a jump even if that stays in its quantum. A track
-    whose fractions all lie within `steady_span` is one run of its mean.
+    whose fractions all lie within `steady_span` is one run of its mean, to `_STEADY_PARTS` of a
+    quantum.
     """
     n, materials = fractions.shape
     begins, levels = np.empty(n, np.int64), np.empty((n, materials))
@@ -172,7 +177,7 @@ def _runs(
             mean[m] /= end - first
         begins[count] = first
         if span <= steady_span:
-            _quantise(levels[count], mean, quanta, left)
+            _quantise(levels[count], mean, quanta * _STEADY_PARTS, left)
             count += 1
             continue
         _quantise(levels[count], fractions[first], quanta, left)
