@@ -63,6 +63,21 @@ def test_tracks_lie_a_pitch_apart_though_the_field_is_not_even(make_part, profil
     assert np.percentile(gaps, 95) < 1.3 * PITCH
 
 
+@pytest.mark.parametrize("length", [40.0, 40.7, 41.2])
+def test_tracks_lie_half_a_pitch_from_those_of_other_layers(make_part, profile, length):
+    """Where they lay upon each other, steps of mixture between beads went up through the part."""
+    places = []
+    for layer in range(4):
+        geometry = geometry_of(make_part, profile, [rectangle(length, 20.0)],
+                               lambda p: 0.45 + p[:, 0] / 57, layer)
+        places.append(np.sort([np.median(geometry.points_mm[geometry.track(k), 0])
+                               for k in range(geometry.n_tracks)]))
+    assert places[0] == pytest.approx(places[2])
+    assert places[1] == pytest.approx(places[3])
+    apart = np.abs(places[1][3:-3, None] - places[0]).min(axis=1)
+    assert apart.min() >= 0.35 * PITCH
+
+
 def test_where_lines_come_together_tracks_end_and_none_is_too_narrow(make_part, profile):
     """All lines meet in a point, twice as far from one corner of the slice as from the other."""
     geometry = geometry_of(make_part, profile, [rectangle(30.0, 30.0)], lambda p: np.arctan2(

@@ -28,6 +28,9 @@ _FOUND = 3e-4
 _ROUNDS = 6
 #: and by halving where it differs by so much.
 _JUMP = 0.05
+#: Components of the direction of change of which the lesser is this part of the greater count as
+#: equal.
+_AS_LARGE = 0.9
 
 
 @dataclass(frozen=True)
@@ -183,7 +186,9 @@ def _main_direction(fractions: FloatArray) -> tuple[FloatArray, FloatArray]:
         return middle, np.zeros(fractions.shape[1])
     _, axes = np.linalg.eigh(spread.T @ spread)
     axis = axes[:, -1]
-    axis = axis * np.sign(axis[np.argmax(np.abs(axis))])
+    # of two powders both components are as large but for rounding: every layer takes the same one
+    largest = np.flatnonzero(np.abs(axis) > _AS_LARGE * np.abs(axis).max())[-1]
+    axis = axis * np.sign(axis[largest])
     return middle, np.asarray(axis * np.abs(axis).max())
 
 

@@ -26,7 +26,8 @@ _HYSTERESIS = 0.6
 #: In quanta: a field that changes by more between two points of a track jumps there.
 _JUMP = 0.75
 #: A track of one mixture has it to this part of a quantum: steps along a path need knots, and so
-#: lines of the program; a track without steps does not, and half a quantum would be off for nothing.
+#: lines of the program; a track without steps needs none, and half a quantum would be off for
+#: nothing.
 _STEADY_PARTS = 10
 
 

@@ -38,7 +38,7 @@ def _tracks_of_piece(task: SliceTask) -> StrategyTracks:
         return offset_tracks(task)
     bands = mixture_bands(
         region_of(task.loops), field, task.pitch_mm, task.process.fraction_step,
-        downwards=task.is_odd_layer)
+        is_odd_layer=task.is_odd_layer)
     if len(bands) == 1:
         return offset_tracks(task)
     found = tracks_by_region(task, [replace(task, loops=loops_of(band)) for band in bands])
