@@ -11,7 +11,7 @@ from lmctl.errors import ConfigError, InputError
 from lmctl.part.load import part_from_text
 from lmctl.part.materials.allowed_mixtures import AllowedMixtures
 from lmctl.part.materials.alloy_rules import alloy_rules_of
-from lmctl.part.materials.laid_mixtures import LaidMixtures, nearest_mixtures
+from lmctl.part.materials.laid_mixtures import LaidMixtures, nearest_listed_mixtures
 from lmctl.part.materials.ways_round import shortest_way, simplex_grid, way_length
 from lmctl.part.sources.alloy_maps import AlloyMap
 
@@ -151,14 +151,14 @@ def test_the_nearest_mixture_is_the_nearest_of_the_same_powders():
     wanted = np.random.default_rng(5).dirichlet(np.ones(4), 300)
     wanted[:150, 1] = 0.0
     wanted /= wanted.sum(axis=1, keepdims=True)
-    found = nearest_mixtures(wanted, grid)
+    found = nearest_listed_mixtures(wanted, grid)
     assert (found[:150, 1] == 0).all()
     for own, chosen in zip(wanted, found, strict=True):
         others = grid if own[1] > 0 else grid[grid[:, 1] == 0]
         best = np.abs(others - own).max(axis=1).min()
         assert np.abs(chosen - own).max() == pytest.approx(best)
     many = np.random.default_rng(6).dirichlet(np.ones(4), 50_000)
-    assert np.abs(nearest_mixtures(many, simplex_grid(50, 4) / 50) - many).max() <= 1 / 50
+    assert np.abs(nearest_listed_mixtures(many, simplex_grid(50, 4) / 50) - many).max() <= 1 / 50
 
 
 PART = """

@@ -107,14 +107,14 @@ class LaidMixtures:
             result[todo[on]] = crossing.laid(share[on])
             todo = todo[~on]
         if len(todo) and len(self.grid):
-            result[todo] = nearest_mixtures(result[todo], self.grid)
+            result[todo] = nearest_listed_mixtures(result[todo], self.grid)
         return result, rule
 
     def nearest_allowed(self, mixture: FloatArray) -> FloatArray | None:
         """The nearest mixture (m,) that may be laid; None where there is none."""
         if self._at_margin.rule_at(mixture[None])[0] < 0:
             return mixture
-        return nearest_mixtures(mixture[None], self.grid)[0] if len(self.grid) else None
+        return nearest_listed_mixtures(mixture[None], self.grid)[0] if len(self.grid) else None
 
     def crosses_region(self, begin: FloatArray, end: FloatArray) -> BoolArray:
         """Whether straight changes between laid mixtures (n, m) come nearer to a region than half
@@ -160,17 +160,17 @@ class LaidMixtures:
         return shortest_way(first, last, self.allowed, powders)
 
 
-def nearest_mixtures(fractions: FloatArray, of: FloatArray) -> FloatArray:
-    """The nearest of some mixtures (g, m) to each of others (n, m), by the greatest difference of
-    a fraction; one without further powders where there is one."""
+def nearest_listed_mixtures(fractions: FloatArray, listed: FloatArray) -> FloatArray:
+    """The nearest of the listed mixtures (g, m) to each of others (n, m), by the greatest difference
+    of a fraction; one without further powders where there is one."""
     from scipy.spatial import cKDTree  # late: few parts have rules
 
     found = np.empty_like(fractions)
     bits = 1 << np.arange(fractions.shape[1])
-    fed, own = (of > NO_FRACTION) @ bits, (fractions > NO_FRACTION) @ bits
+    fed, own = (listed > NO_FRACTION) @ bits, (fractions > NO_FRACTION) @ bits
     for powders in np.unique(own).tolist():
         without_more = (fed & ~powders) == 0
-        choice = of[without_more] if without_more.any() else of
+        choice = listed[without_more] if without_more.any() else listed
         rows = np.flatnonzero(own == powders)
         _, nearest = cKDTree(choice).query(fractions[rows], p=np.inf)
         found[rows] = choice[nearest]

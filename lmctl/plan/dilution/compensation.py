@@ -1,14 +1,10 @@
-"""The mixture to feed so that a bead has the part's after it has melted some of what lies below.
+"""The layers of a part with the mixtures to feed, which make up for what they melt.
 
-    c_fed = (c_part − δ · c_below) / (1 − δ)
-
-(docs/explanation/powder-delivery.md, Dilution). Where this is no mixture, a share being below 0 or
-above 1, the nearest one is fed, by least squares, and the bead deviates from the part by the rest.
-
-c_below is what the layer below was deposited as. Where that fed what it should it is the part's own
-composition there, a function of place alone, which the geometry stage gives. Elsewhere the
-deviation is carried from layer to layer (`laid_deviation`); it fades as δ, δ², δ³. Under the
-first layer is the substrate. So text and geometry of a layer still depend on nothing but it.
+That is taken to be what the layer below was deposited as; `beside_beads` mends it once the order of
+beads is known. Where that layer was fed what it should be it is the part's own composition there, a
+function of place alone, which the geometry stage gives. Elsewhere the deviation is carried from
+layer to layer (`laid_deviation`); it fades as δ, δ², δ³. Under the first layer is the substrate. So
+text and geometry of a layer still depend on nothing but it.
 
 Deposits are counted in the part's materials and one more: a substrate of none of them.
 """
@@ -19,10 +15,10 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lmctl.array_types import FloatArray
 from lmctl.plan.dilution.dilution_law import DilutionAlong, DilutionLaw, dilution_law
+from lmctl.plan.dilution.fed_mixtures import mixture_to_feed
 from lmctl.plan.dilution.laid_deviation import LaidDeviation
 from lmctl.plan.geometry.layer_geometry import LayerGeometry
 from lmctl.plan.melted_below import MeltedBelow
@@ -81,7 +77,7 @@ class DilutionCompensation:
         fed = geometry.fractions
         for _ in range(_ROUNDS):
             along = self._law.along(fed, self._energy_J_mm(fed, geometry.strip_width_mm))
-            fed = _mixture_to_feed(designed, below, along.share)
+            fed = mixture_to_feed(designed, below, along.share)
         melted = MeltedBelow(designed, below, along.share)
         deviation = melted.laid(fed) - designed
         self._deviation = LaidDeviation.of_layer(number, geometry.points_mm, deviation)
@@ -129,29 +125,3 @@ def compensation_of(
         substrate = np.zeros(len(names) + 1)
         substrate[names.index(alloy) if alloy in names else -1] = 1.0
     return DilutionCompensation(law, recipe, substrate)
-
-
-def _mixture_to_feed(
-    designed: FloatArray, below: FloatArray, share: FloatArray
-) -> FloatArray:
-    """Mixtures (n, materials) to feed, from (n, materials + 1) and δ (n,)."""
-    wanted = (designed - share[:, None] * below)[:, :-1] / (1.0 - share)[:, None]
-    off = (wanted < 0).any(axis=1) | (np.abs(wanted.sum(axis=1) - 1.0) > 1e-9)
-    wanted[off] = nearest_mixtures(wanted[off])
-    return np.asarray(wanted)
-
-
-def nearest_mixtures(wanted: FloatArray) -> FloatArray:
-    """The mixtures nearest to (n, m) numbers of any sign, by least squares.
-
-    All are lowered by one number, so that what stays above 0 adds up to 1 (W. Wang and M. A.
-    Carreira-Perpiñán, 2013, arXiv:1309.1541).
-
-    >>> nearest_mixtures(np.array([[1.125, -0.125], [0.75, 0.5]])).tolist()
-    [[1.0, 0.0], [0.625, 0.375]]
-    """
-    falling = -np.sort(-wanted, axis=1)
-    excess = (np.cumsum(falling, axis=1) - 1.0) / np.arange(1, wanted.shape[1] + 1)
-    kept: NDArray[np.intp] = (falling > excess).sum(axis=1)
-    lower = np.take_along_axis(excess, kept[:, None] - 1, axis=1)
-    return np.asarray(np.maximum(wanted - lower, 0.0))

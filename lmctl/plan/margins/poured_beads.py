@@ -15,6 +15,7 @@ import numpy as np
 
 from lmctl.array_types import BoolArray, FloatArray, IndexArray, IntArray
 from lmctl.field.kernel import inner_kernel, kernel
+from lmctl.plan.fill_level import fill_level
 from lmctl.plan.sequence.bead_pieces import BeadPieces
 
 #: A layer is parted into so many heights; what stands higher counts to the highest.
@@ -128,7 +129,7 @@ def _pour(
                 need[j] = base[k] - 1.5 * rise * (1.0 - u * u)
                 if abs(u) <= strip_ratio:
                     in_strip[k] = True
-            level = _level(need, across, slice_mm3 / patch)
+            level = fill_level(need, across, slice_mm3 / patch)
             for j in range(across):
                 gained = (level - need[j]) * patch
                 if gained <= 0.0:
@@ -154,18 +155,3 @@ def _steps(length: float, cell: float) -> int:
 @inner_kernel
 def _across(width: float, cell: float) -> int:
     return min(_MOST_ACROSS, max(4, int(np.ceil(2.0 * width / cell))))
-
-
-@inner_kernel
-def _level(need: FloatArray, n: int, wanted: float) -> float:
-    """The level to which wells with floors at need[:n], of area 1, are filled by so much."""
-    level, filled = np.inf, n + 1
-    while True:
-        held, below = 0.0, 0
-        for j in range(n):
-            if need[j] <= level:
-                held += need[j]
-                below += 1
-        if below == 0 or below >= filled:
-            return float(level)
-        level, filled = (wanted + held) / below, below

@@ -13,7 +13,7 @@ import numpy as np
 
 from lmctl.array_types import BoolArray, FloatArray, IntArray
 from lmctl.errors import PlanError
-from lmctl.part.materials.laid_mixtures import LaidMixtures, nearest_mixtures
+from lmctl.part.materials.laid_mixtures import LaidMixtures, nearest_listed_mixtures
 from lmctl.plan.geometry.layer_geometry import LayerGeometry
 from lmctl.plan.sequence.alloy_cuts import (
     cut_at_crossings,
@@ -97,7 +97,7 @@ class AlloyWatch:
                     where, rules.rules[rule[bad[0]]].as_text()),
                 hint="raise speed_mm_s, or take hoppers that meter less")
         result = levels.copy()
-        result[bad] = nearest_mixtures(levels[bad], self._deliverable)
+        result[bad] = nearest_listed_mixtures(levels[bad], self._deliverable)
         return result
 
     def mended(

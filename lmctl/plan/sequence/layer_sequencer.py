@@ -19,6 +19,7 @@ from lmctl.errors import PlanError
 from lmctl.job.schema import LineKind
 from lmctl.part.substrate import LayerStack
 from lmctl.plan.dilution import DilutionCompensation, DilutionStatistics
+from lmctl.plan.dilution.beside_beads import fed_beside_beads
 from lmctl.plan.geometry import LayerGeometry
 from lmctl.plan.plan_statistics import PlanStatistics
 from lmctl.plan.program_text.layer_text import CLOSING_LINES, OPENING_LINES, LayerLines
@@ -152,6 +153,8 @@ class LayerSequencer:
         tracks = order_tracks(
             geometry, number, self._state.at_mm[:2] - placement.offset_mm[:2], self._state.mixture,
             self._process.fraction_step, self._change_s, self._process.seam)
+        if self._dilution is not None:
+            tracks = fed_beside_beads(tracks, self._recipe)
         drape = self._drape(number, placement)
         wait_s = None
         if self._watch is not None and tracks.n_tracks:
