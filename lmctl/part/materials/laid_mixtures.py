@@ -161,7 +161,7 @@ class LaidMixtures:
 
 
 def nearest_listed_mixtures(fractions: FloatArray, listed: FloatArray) -> FloatArray:
-    """The nearest of the listed mixtures (g, m) to each of others (n, m), by the greatest difference
+    """The nearest of listed mixtures (g, m) to each of others (n, m), by the greatest difference
     of a fraction; one without further powders where there is one."""
     from scipy.spatial import cKDTree  # late: few parts have rules
 
