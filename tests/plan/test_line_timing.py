@@ -33,7 +33,7 @@ def corner(lead_in_mm):
 
 
 def test_lines_shorter_than_the_steps_of_the_program_are_refused(profile):
-    with pytest.raises(PlanError, match="cannot be split into lines of 0.001 s") as refused:
+    with pytest.raises(PlanError, match=r"cannot be split into lines of 0\.001 s") as refused:
         split_long_lines(corner(1.0), START, profile.motion, 1e-3)
     assert "the longest lasts" in refused.value.where[0]
     assert "send_horizon_s" in refused.value.hint

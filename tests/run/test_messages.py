@@ -10,6 +10,7 @@ from importlib.resources import files
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from lmctl.config.machine import load_profile
@@ -20,6 +21,7 @@ from lmctl.run.cell.devices import Cell
 from lmctl.run.cell.ownership import lock_machine
 from lmctl.run.control.client import send_request
 from lmctl.run.control.socket_path import SOCKET_NAME, connect_to_run
+from lmctl.run.execution.device_monitor import DeviceMonitor
 from lmctl.run.execution.run_segment import RunSegmentFactory
 from lmctl.run.executor import RunExecutor
 from lmctl.run.interlocks.alarms import InterlockError
@@ -28,6 +30,7 @@ from lmctl.run.journal.format import line_hashes
 from lmctl.run.journal.replay import replay_run
 from lmctl.run.journal.run_folders import RunFolder, create_run_folder
 from lmctl.run.journal.writer import JournalWriter
+from lmctl.run.powder import purge_measurement
 from lmctl.run.powder.refill import RefillProcedure
 from simulators import virtual_time
 
@@ -235,3 +238,64 @@ def test_deposition_that_ended_nowhere_known_is_not_gone_on_with() -> None:
     with pytest.raises(MachineError) as refused:
         RunSegmentFactory.create(SimpleNamespace(), SimpleNamespace(is_doubtful=True), None, 100)
     told(refused.value, "where deposition ended is not known", "lmctl recover")
+
+
+# --- powder -----------------------------------------------------------------------------------
+
+
+class SilentScale:
+    """A catch scale at the purge position whose answers get lost."""
+
+    period_s, resolution_g = 0.2, 0.01
+
+    def error(self, what: str, hint: str) -> MachineError:
+        return MachineError(f"catch scale: {what}", hint=hint)
+
+    async def read(self) -> None:
+        return None
+
+
+@pytest.mark.parametrize(
+    ("more_noise", "slope", "facts"),
+    [(50.0, 1.0, ("does not follow the pulses", "at the purge position")),
+     (1.0, 0.4, ("catches 0.40 of what is fed", "onto its pan"))],
+)
+def test_powder_that_is_not_that_of_the_pulses(more_noise, slope, facts) -> None:
+    found = SimpleNamespace(whitened_residual=np.zeros(9), more_noise=more_noise,
+                            slopes=[SimpleNamespace(value=slope)])
+    with pytest.raises(MachineError) as refused:
+        purge_measurement._refuse_other_powder(found, SilentScale())
+    told(refused.value, "catch scale", *facts)
+
+
+def test_a_purge_whose_readings_get_lost() -> None:
+    pulses = SimpleNamespace(weigh_from_s=0.0, end_s=2.0, lows_g_min=(1.0, 1.0), changes=())
+
+    async def main() -> None:
+        own = SimpleNamespace(_loop=asyncio.get_running_loop())
+        await purge_measurement.PurgeMeasurement._pulsed(
+            own, SimpleNamespace(), pulses, SilentScale())
+
+    with pytest.raises(MachineError) as refused:
+        virtual_time.run_in_virtual_time(main())
+    told(refused.value, "it gave too few readings", "check its cable")
+
+
+def test_a_refilled_hopper_that_never_feeds_steadily(profile) -> None:
+    hopper = profile.hopper[0]
+    feeder = SimpleNamespace(name=hopper.feeder, status=None, request_hopper_readings=lambda: None)
+    cell = Cell(SimpleNamespace(), [feeder], None, [hopper])
+    refilling = RefillProcedure([hopper], SimpleNamespace())
+    refilling._unproven = [hopper]
+    with pytest.raises(InterlockError) as refused:
+        virtual_time.run_in_virtual_time(refilling.prove_flow(cell))
+    told(refused.value, "hopper A does not feed steadily after its refill",
+         "it has not been read", "bridged or damp powder")
+
+
+def test_a_door_that_was_opened_and_closed_holds_the_run() -> None:
+    raised: list[InterlockError] = []
+    monitor = SimpleNamespace(_raise=raised.append)
+    DeviceMonitor._check_hold(
+        monitor, SimpleNamespace(state="Door", substate=0, is_held=False))
+    told(raised[0], "the safety door was opened, and is closed again", "look at the part")
