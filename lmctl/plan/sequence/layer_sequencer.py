@@ -15,43 +15,33 @@ import numpy as np
 from lmctl.array_types import FloatArray
 from lmctl.config.machine import MachineProfile
 from lmctl.config.part_file import ProcessSettings
-from lmctl.errors import PlanError
-from lmctl.job.schema import LineKind
 from lmctl.part.substrate import LayerStack
 from lmctl.plan.dilution import DilutionCompensation, DilutionStatistics
 from lmctl.plan.dilution.beside_beads import fed_beside_beads
 from lmctl.plan.geometry import LayerGeometry
 from lmctl.plan.plan_statistics import PlanStatistics
-from lmctl.plan.program_text.layer_text import CLOSING_LINES, OPENING_LINES, LayerLines
+from lmctl.plan.program_text.layer_text import LayerLines
 from lmctl.plan.recipe import Recipe
 from lmctl.plan.sequence.bead_pieces import bead_pieces, designed_at_line_ends
 from lmctl.plan.sequence.beads import Beads, make_beads
-from lmctl.plan.sequence.beam_off_waits import PurgePosition, with_waits
-from lmctl.plan.sequence.draping import LayerDrape, draped_moves
+from lmctl.plan.sequence.draping import LayerDrape
 from lmctl.plan.sequence.interrupted_beads import waits_of_pieces
+from lmctl.plan.sequence.layer_motion import LayerMotion, LayerSite
 from lmctl.plan.sequence.layer_waits import LayerWaits, first_bead_s
-from lmctl.plan.sequence.line_timing import bead_line_ranges, split_long_lines, with_time_for_powder
+from lmctl.plan.sequence.line_timing import bead_line_ranges
 from lmctl.plan.sequence.mixture_cuts import cut_tracks
 from lmctl.plan.sequence.mixture_prediction import MixturePrediction, PathPredictor
 from lmctl.plan.sequence.mixture_ramps import (
     min_ramp_duration_s,
-    needed_before_beads_s,
     powder_limits_of,
 )
-from lmctl.plan.sequence.moves import Moves, join_moves, moves_of_kind, rounded_to_program_steps
+from lmctl.plan.sequence.moves import Moves
 from lmctl.plan.sequence.powder_flow import PowderFlow, powder_flow
 from lmctl.plan.sequence.powder_pause import powder_pause_of
 from lmctl.plan.sequence.sampled_layers import SampledLayers
 from lmctl.plan.sequence.sequence_state import SequenceState
 from lmctl.plan.sequence.track_order import OrderedTracks, order_tracks
-from lmctl.plan.sequence.travel import (
-    LAYER_REST_S,
-    TravelSettings,
-    layer_moves,
-    moves_to_purge_position,
-)
 from lmctl.plan.sequence.weak_flow import MeteredMixtures
-from lmctl.preflight.job_check import LINES_PER_HORIZON, travel_violations
 from lmctl.preflight.placement import Placement
 
 if TYPE_CHECKING:
@@ -59,9 +49,6 @@ if TYPE_CHECKING:
     from lmctl.plan.heat import HeatPlanner
     from lmctl.plan.sequence.alloy_statistics import AlloyStatistics
     from lmctl.plan.sequence.alloy_watch import AlloyWatch
-
-#: How often a layer is sequenced to keep alloy rules where powder comes late.
-MAX_ATTEMPTS = 12
 
 
 class LayerSequencer:
@@ -81,7 +68,6 @@ class LayerSequencer:
     ) -> None:
         self._dilution = dilution
         self._stack = stack
-        self._part_name = part_name
         self._process = process
         self._profile = profile
         self._recipe = recipe
@@ -92,22 +78,11 @@ class LayerSequencer:
         self._pause = powder_pause_of(recipe, profile)
         self._leads = process.powder == "lead"
         self._predictor = PathPredictor(recipe, leads=self._leads)
-        self._travel = TravelSettings(
-            travel_mm_s=min(process.travel_speed_mm_s, *profile.motion.max_speed_mm_s),
-            clearance_mm=profile.motion.clearance_mm,
-            lead_in_mm=process.lead_in_mm,
-            bead_mm=process.bead_width_mm,
-            dwell_s=process.dwell_s if process.powder == "dwell" else 0.0,
-            dwell_step=process.fraction_step,
-        )
-        self._longest_s = profile.motion.send_horizon_s / LINES_PER_HORIZON
-        self._home_mm = np.asarray(profile.motion.purge_mm, dtype=np.float64)
+        self._motion = LayerMotion(part_name, process, recipe, profile)
         self._heat = heat
         self._waits = LayerWaits(
-            process.least_layer_time_s, heat, profile.motion,
-            PurgePosition(self._home_mm, self._travel))
-        self._state = SequenceState(self._home_mm)
-        self._cross_mm: float | None = None
+            process.least_layer_time_s, heat, profile.motion, self._motion.purge)
+        self._state = SequenceState(self._motion.purge.place_mm)
         self.statistics = PlanStatistics(recipe, has_alloy_rules=mixtures is not None)
         self.dilution_statistics = DilutionStatistics(
             (*(material.name for material in recipe.materials), "substrate"))
@@ -156,18 +131,17 @@ class LayerSequencer:
         if self._dilution is not None:
             tracks = fed_beside_beads(tracks, self._recipe)
         drape = self._drape(number, placement)
+        site = LayerSite(number, placement, drape, (
+            self._state.at_mm[2] + self._motion.clearance_mm if clears_all else None))
         wait_s = None
         if self._watch is not None and tracks.n_tracks:
-            tracks, wait_s = self._under_alloy_rules(
-                number, tracks, placement, drape, self._watch, is_last=is_last)
-        self._cross_mm = self._state.at_mm[2] + self._travel.clearance_mm if clears_all else None
+            tracks, wait_s = self._under_alloy_rules(site, tracks, self._watch, is_last=is_last)
         beads, wait_s, heat_wait_s = self._with_heat_waits(
-            index, number, self._beads(number, tracks, drape), placement, drape, wait_s,
-            is_last=is_last)
+            index, site, self._beads(number, tracks, drape), wait_s, is_last=is_last)
         self.statistics.add_beads(number, geometry, beads)
         nozzle_mm = placement.nozzle_height_mm(number) if drape is None else drape.highest_mm()
-        moves, durations = self._timed_moves(
-            number, beads, placement, drape, wait_s, heat_wait_s, is_last=is_last)
+        moves, durations = self._motion.timed_moves(
+            site, self._state, beads, wait_s, heat_wait_s, is_last=is_last)
         state = self._state
         if self._heat is not None:
             self._heat.add_layer(index, moves, state.at_mm, durations,
@@ -195,8 +169,8 @@ class LayerSequencer:
         return layer
 
     def _with_heat_waits(
-        self, index: int, number: int, beads: Beads | None, placement: Placement,
-        drape: LayerDrape | None, wait_s: FloatArray | None, *, is_last: bool,
+        self, index: int, site: LayerSite, beads: Beads | None, wait_s: FloatArray | None, *,
+        is_last: bool,
     ) -> tuple[Beads | None, FloatArray | None, FloatArray | None]:
         """The beads, interrupted where heat needs it; for each of them the time beside what powder
         needs, and the wait for heat or for the layer's least time."""
@@ -205,9 +179,8 @@ class LayerSequencer:
         state, whole = self._state, beads
         beads, heat_wait_s = self._waits.choose(
             index, beads,
-            lambda pieces: self._moves(
-                number, pieces, placement, drape, waits_of_pieces(wait_s, whole, pieces),
-                is_last=is_last),
+            lambda pieces: self._motion.moves(
+                site, state, pieces, waits_of_pieces(wait_s, whole, pieces), is_last=is_last),
             state.at_mm, None if state.first_bead_s is None else state.time_s - state.first_bead_s)
         return beads, waits_of_pieces(wait_s, whole, beads), heat_wait_s
 
@@ -231,28 +204,26 @@ class LayerSequencer:
                 self._watch.check(along)
 
     def _under_alloy_rules(
-        self, number: int, tracks: OrderedTracks, placement: Placement, drape: LayerDrape | None,
-        watch: AlloyWatch, *, is_last: bool,
+        self, site: LayerSite, tracks: OrderedTracks, watch: AlloyWatch, *, is_last: bool
     ) -> tuple[OrderedTracks, FloatArray]:
         """Tracks, and time beside what powder needs before each, that lay nothing forbidden."""
-        where = f"layer {number + 1}"
-        if self._process.strategy != "iso-3d":
-            tracks = watch.cut_between_levels(tracks, where)
-        wait_s = np.zeros(tracks.n_tracks)
-        for _ in range(MAX_ATTEMPTS if self._leads else 0):
-            beads, state = self._beads(number, tracks, drape), self._state
-            moves, durations = self._timed_moves(
-                number, beads, placement, drape, wait_s, is_last=is_last)
+        from lmctl.plan.sequence.alloy_attempts import Attempt, tracks_that_keep_rules  # late: too
+
+        state = self._state
+
+        def attempt(tracks: OrderedTracks, wait_s: FloatArray) -> Attempt:
+            beads = self._beads(site.number, tracks, site.drape)
+            moves, durations = self._motion.timed_moves(
+                site, state, beads, wait_s, is_last=is_last)
             end_s = state.time_s + np.cumsum(durations)
             flow = self._flow(moves, beads, end_s)
             self._state = state
-            pieces = bead_pieces(0, 0.0, tracks, moves, state.at_mm, state.time_s, end_s,
-                                 placement.offset_mm)
-            mended = watch.mended(tracks, wait_s, pieces, moves, end_s, flow)
-            if mended is None:
-                break
-            tracks, wait_s = mended
-        return tracks, wait_s
+            return (bead_pieces(0, 0.0, tracks, moves, state.at_mm, state.time_s, end_s,
+                                site.placement.offset_mm), moves, end_s, flow)
+
+        return tracks_that_keep_rules(
+            tracks, watch, f"layer {site.number + 1}", attempt,
+            is_uniform=self._process.strategy == "iso-3d", leads=self._leads)
 
     def _beads(
         self, number: int, tracks: OrderedTracks, drape: LayerDrape | None
@@ -264,7 +235,7 @@ class LayerSequencer:
             max_speed_mm_s = min(max_speed_mm_s, self._profile.motion.max_speed_mm_s[2]
                                  / max(drape.steepest_slope(), 1e-6))
         beads = make_beads(
-            tracks, self._mixtures, self._process.fraction_step, self._longest_s,
+            tracks, self._mixtures, self._process.fraction_step, self._motion.longest_s,
             max_speed_mm_s, f"layer {number + 1}",
             leads=self._leads, uniform=self._process.strategy == "iso-3d",
             allowed=None if self._watch is None or tracks.melted is not None
@@ -286,88 +257,6 @@ class LayerSequencer:
         flow = self._recipe.flow_g_s
         return float(min_ramp_duration_s(
             flow(start)[None], flow(end)[None], self._limits, self._process.fraction_step)[0])
-
-    def _timed_moves(
-        self, number: int, beads: Beads | None, placement: Placement, drape: LayerDrape | None,
-        wait_s: FloatArray | None, heat_wait_s: FloatArray | None = None, *, is_last: bool,
-    ) -> tuple[Moves, FloatArray]:
-        """The layer's lines and how long each lasts."""
-        start, motion = self._state.at_mm, self._profile.motion
-        moves = self._moves(number, beads, placement, drape, wait_s, is_last=is_last)
-        if heat_wait_s is not None:
-            moves = with_waits(moves, start, motion, heat_wait_s, self._waits.purge)
-        moves, durations = split_long_lines(moves, start, motion, self._longest_s)
-        parts, lasting = [moves], [durations]
-        if self._state.line == 0:
-            parts.insert(0, self._setup(len(OPENING_LINES), start, moves.fractions[0]))
-            lasting.insert(0, np.zeros(len(OPENING_LINES)))
-        if is_last:
-            parts.append(self._setup(len(CLOSING_LINES), moves.target_mm[-1], moves.fractions[-1]))
-            lasting.append(np.zeros(len(CLOSING_LINES)))
-        return join_moves(parts), np.concatenate(lasting)
-
-    def _moves(
-        self, number: int, beads: Beads | None, placement: Placement, drape: LayerDrape | None,
-        wait_s: FloatArray | None, *, is_last: bool,
-    ) -> Moves:
-        """The layer's lines, with the time that powder needs, and wait_s (m,) beside it."""
-        start, motion = self._state.at_mm, self._profile.motion
-        mixture = self._state.mixture
-        if mixture is None:
-            assert beads is not None, "the first layer of a job has tracks"
-            mixture = beads.fractions[0]
-        if beads is None:
-            moves = moves_of_kind(start, feed_mm_s=0.0, kind=LineKind.DWELL, fractions=mixture,
-                                  dwell_s=LAYER_REST_S)
-        else:
-            moves = self._layer_moves(beads, placement.nozzle_height_mm(number),
-                                      placement.offset_mm, drape, mixture)
-        if is_last:
-            end = moves.target_mm[-1].copy()
-            if drape is not None:
-                end[2] = max(end[2], drape.highest_around_mm())
-            moves = join_moves([moves, moves_to_purge_position(
-                end, self._home_mm, self._travel, moves.fractions[-1])])
-        moves = rounded_to_program_steps(moves, start)
-        self._check_reach(number, moves)
-        if self._leads and beads is not None:
-            needed_s = self._needed_s(beads)
-            moves = with_time_for_powder(
-                moves, start, motion, needed_s if wait_s is None else needed_s + wait_s)
-        return moves
-
-    def _layer_moves(
-        self, beads: Beads, flat_z_mm: float, offset_mm: FloatArray, drape: LayerDrape | None,
-        mixture: FloatArray,
-    ) -> Moves:
-        """The moves of a layer, at one height or on its substrate's shape."""
-        start = self._state.at_mm
-        if drape is None and self._cross_mm is None:
-            return layer_moves(beads, flat_z_mm, offset_mm, start, self._travel, mixture)
-        if drape is None:
-            above = np.array([*start[:2], self._cross_mm])
-            moves = layer_moves(beads, flat_z_mm, offset_mm, above, self._travel, mixture)
-            moves.target_mm[0] = start  # the rest at the layer's beginning, before it goes up
-            return moves
-        above = np.array([*start[:2], flat_z_mm + 1.0])  # so that it comes from above the layer
-        flat = layer_moves(beads, flat_z_mm, offset_mm, above, self._travel, mixture)
-        return draped_moves(flat, start, flat_z_mm, drape, self._travel.clearance_mm)
-
-    @staticmethod
-    def _setup(count: int, at_mm: FloatArray, mixture: FloatArray) -> Moves:
-        return moves_of_kind(np.repeat(at_mm[None], count, axis=0), feed_mm_s=0.0,
-                             kind=LineKind.SETUP,
-                             fractions=mixture)
-
-    def _needed_s(self, beads: Beads) -> FloatArray:
-        """Time the powder needs before each path of this layer, (m,)."""
-        flow = self._recipe.flow_g_s(
-            beads.fractions, np.repeat(beads.speed_factor, np.diff(beads.starts)))
-        first, last = flow[beads.first], flow[beads.last]
-        before = first[0] if self._state.flow_g_s is None else self._state.flow_g_s
-        return needed_before_beads_s(
-            np.vstack([before, last[:-1]]), first, self._limits, self._process.fraction_step,
-            self._process.change_margin_s)
 
     def _flow(self, moves: Moves, beads: Beads | None, end_s: FloatArray) -> PowderFlow:
         """Flow wanted at the nozzle during the layer, from where the last one ended."""
@@ -393,17 +282,3 @@ class LayerSequencer:
         return powder_flow(
             state.time_s, float(end_s[-1]), end_s[line], wanted, starts, self._limits,
             self._process.powder, state.flow_g_s, self._process.change_margin_s, self._pause)
-
-    def _check_reach(self, number: int, moves: Moves) -> None:
-        """Refuse, at the first layer, motion that `check_job` would refuse after the last."""
-        if not moves.is_motion().any():
-            return
-        low_mm, high_mm = moves.motion_bounds_mm()
-        outside = travel_violations(low_mm.tolist(), high_mm.tolist(), self._profile)
-        if outside:
-            raise PlanError(
-                f"layer {number + 1} of {self._part_name} reaches outside the travel of "
-                f"{self._profile.name!r}", where=outside,
-                hint=f"lead-in and lead-out go beyond the part by up to "
-                     f"{self._process.lead_in_mm:g} mm: lower process.lead_in_mm, or move the part "
-                     "with [placement]")
