@@ -16,6 +16,7 @@ from lmctl.config.machine import load_profile
 from lmctl.errors import MachineError
 from lmctl.run.journal.format import read_records
 from lmctl.run.journal.writer import JournalWriter
+from tests.error_facts import assert_states
 from tests.run.conftest import squares, write_job
 
 FAULTS = '[[fault]]\nkind = "hard_limit"\nat_line = 40\n'
@@ -171,5 +172,4 @@ def test_a_controller_that_cannot_be_gone_on_with(status, facts):
     motion = SimpleNamespace(status=status)
     with pytest.raises(MachineError) as refused:
         recover._refuse_lost(SimpleNamespace(), motion, SimpleNamespace(lost=""), restored=False)
-    for fact in facts:
-        assert fact in refused.value.render()
+    assert_states(refused.value, *facts)

@@ -26,6 +26,7 @@ from simulators.modbus_errors import ExceptionReplyError
 from simulators.modbus_server import serve_tcp
 from simulators.safety.config import SafetyConfig
 from simulators.safety.device import SimulatedSafetyDevice
+from tests.error_facts import assert_states
 from tests.machine.feeder_cell import ONE, driven, hopper, simulated
 
 Forge = Callable[[int], int]
@@ -197,11 +198,7 @@ def test_an_order_that_does_not_come_about(
             spoil(server, device)
             with pytest.raises(MachineError) as refused:
                 await ACTS[act](driver)
-            told = refused.value.render()
-            assert "feeder F1: " in told
-            assert refused.value.hint
-            for fact in facts:
-                assert fact in told, told
+            assert_states(refused.value, "feeder F1: ", *facts)
 
     virtual_time.run_in_virtual_time(main())
 
@@ -232,9 +229,7 @@ def test_a_feeder_that_cannot_be_opened(
             with pytest.raises(MachineError) as told:
                 await FeederDriver.open(
                     FeederSettings(name="F1", endpoint=server.endpoint), [hopper()])
-            assert told.value.hint
-            for fact in facts:
-                assert fact in told.value.render(), told.value.render()
+            assert_states(told.value, *facts)
 
     virtual_time.run_in_virtual_time(main())
 
@@ -266,9 +261,7 @@ def test_a_feeder_that_cannot_be_looked_at(
             with pytest.raises(MachineError) as told:
                 await inspect_feeder(
                     FeederSettings(name="F1", endpoint=server.endpoint), [hopper()])
-            assert told.value.hint
-            for fact in facts:
-                assert fact in told.value.render(), told.value.render()
+            assert_states(told.value, *facts)
 
     virtual_time.run_in_virtual_time(main())
 

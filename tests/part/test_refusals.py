@@ -10,6 +10,7 @@ import pytest
 
 from lmctl.errors import InputError, LmctlError
 from lmctl.part.load import load_part, part_from_model
+from tests.error_facts import assert_states
 from tests.part.angle_solid import binary_stl, read
 from tests.part_files import block_file
 
@@ -44,12 +45,6 @@ def face(keys: str) -> str:
     """A composition of the body b that measures from a face of its own."""
     return ('name = "b"\ncomposition.feature = { kind = "face", of = "b", ' + keys
             + " }\ncomposition." + RED)
-
-
-def told(error: LmctlError, facts: tuple[str, ...]) -> None:
-    missing = [fact for fact in facts if fact not in error.render()]
-    assert not missing, error.render()
-    assert error.hint or error.where
 
 
 @pytest.mark.parametrize(
@@ -111,7 +106,7 @@ def test_a_part(text: str, files: dict[str, str | bytes], facts: tuple[str, ...]
     path = folder(part__toml=text, **files) / "part.toml"
     with pytest.raises(LmctlError) as refused:
         load_part(path).composition(np.array([[1.0, 1.0, 1.0]]))
-    told(refused.value, facts)
+    assert_states(refused.value, *facts)
 
 
 @pytest.mark.parametrize(
@@ -129,8 +124,7 @@ def test_a_part(text: str, files: dict[str, str | bytes], facts: tuple[str, ...]
 def test_a_mesh(data: str | bytes, suffix: str, facts: tuple[str, ...]) -> None:
     with pytest.raises(InputError) as refused:
         read(data, suffix)
-    told(refused.value, facts)
-    assert refused.value.hint
+    assert_states(refused.value, *facts)
 
 
 def test_a_mesh_of_more_triangles_than_are_read(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -189,8 +183,8 @@ def test_solids_of_which_nothing_is_left_when_they_are_united(
     path = folder(part__toml=text, a__stl=making.stl(boxes)) / "part.toml"
     with pytest.raises(InputError) as refused:
         load_part(path)
-    told(refused.value, ("the solids of the mesh a.stl cannot be united", "2 shells",
-                         "unite them in the program they came from"))
+    assert_states(refused.value, "the solids of the mesh a.stl cannot be united", "2 shells",
+                  "unite them in the program they came from")
 
 
 def test_a_cloud_whose_fitted_surface_leaves_its_grid(
@@ -202,5 +196,5 @@ def test_a_cloud_whose_fitted_surface_leaves_its_grid(
     np.savetxt(tmp_path / "a.xyz", points)
     with pytest.raises(InputError) as refused:
         part_from_model(tmp_path / "a.xyz", "mm")
-    told(refused.value, ("fitted to the point cloud is not closed", "reaches the edge of its grid",
-                         "larger pitch_mm"))
+    assert_states(refused.value, "fitted to the point cloud is not closed",
+                  "reaches the edge of its grid", "larger pitch_mm")

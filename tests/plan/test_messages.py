@@ -15,19 +15,14 @@ from lmctl.plan.execution import dask_cluster
 from lmctl.plan.execution.dask_cluster import DaskWorkers, cluster_workers
 from lmctl.plan.execution.worker import geometry_stage, receive_part
 from lmctl.plan.sequence.alloy_watch import AlloyWatch
-
-
-def told(error: PlanError, *facts: str) -> None:
-    for fact in facts:
-        assert fact in error.render(), error.render()
-    assert error.hint
+from tests.error_facts import assert_states
 
 
 def test_a_cluster_without_its_package(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(PlanError) as refused:
         cluster_workers("tcp://127.0.0.1:8786")
-    told(refused.value, "needs the package `distributed`", "pip install")
+    assert_states(refused.value, "needs the package `distributed`", "pip install")
 
 
 class Client:
@@ -64,7 +59,7 @@ def test_clusters_that_nothing_can_be_planned_on(
     monkeypatch.setattr(dask_cluster, "_connected", lambda address: client)
     with pytest.raises(PlanError) as refused:
         DaskWorkers(SimpleNamespace(), "tcp://here")
-    told(refused.value, *facts)
+    assert_states(refused.value, *facts)
     assert client.closed
 
 
@@ -75,16 +70,17 @@ def test_workers_that_die_over_a_layer_are_told() -> None:
     killed = KilledWorker("layer-3", SimpleNamespace(address="tcp://w:1"), 3)
     with pytest.raises(PlanError) as refused:
         workers.__exit__(KilledWorker, killed, None)
-    told(refused.value, "died over one layer", "layer-3", "memory may be short")
+    assert_states(refused.value, "died over one layer", "layer-3", "memory may be short")
 
 
 def test_a_worker_without_the_part_or_with_another() -> None:
     with pytest.raises(PlanError) as refused:
         receive_part("key", b"damaged", "0" * 64)
-    told(refused.value, "did not reach a planning worker as it was sent", "7 bytes", "plan again")
+    assert_states(refused.value, "did not reach a planning worker as it was sent", "7 bytes",
+                  "plan again")
     with pytest.raises(PlanError) as refused:
         geometry_stage("never sent", SimpleNamespace(), 0)
-    told(refused.value, "has no copy of the part", "start the workers again")
+    assert_states(refused.value, "has no copy of the part", "start the workers again")
 
 
 def test_rules_that_leave_no_mixture_that_hoppers_can_meter() -> None:
@@ -96,5 +92,5 @@ def test_rules_that_leave_no_mixture_that_hoppers_can_meter() -> None:
     watch._deliverable = np.empty((0, 2))
     with pytest.raises(PlanError) as refused:
         watch.allowed_levels(np.array([[0.5, 0.5]]), "layer 3")
-    told(refused.value, "no mixture that the hoppers can meter", "layer 3", "brittle",
-         "raise speed_mm_s")
+    assert_states(refused.value, "no mixture that the hoppers can meter", "layer 3", "brittle",
+                  "raise speed_mm_s")

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from lmctl.config.machine import load_profile
-from lmctl.errors import JobError, JournalError, LmctlError, MachineError, UsageError
+from lmctl.errors import JobError, JournalError, MachineError, UsageError
 from lmctl.run.cell import acceptance
 from lmctl.run.cell.beam_control import BeamControl
 from lmctl.run.cell.devices import Cell
@@ -33,17 +33,13 @@ from lmctl.run.journal.writer import JournalWriter
 from lmctl.run.powder import purge_measurement
 from lmctl.run.powder.refill import RefillProcedure
 from simulators import virtual_time
+from tests.error_facts import assert_states
 
 
 @pytest.fixture
 def profile():
     return load_profile(files("lmctl.examples") / "cell.toml")
 
-
-def told(error: LmctlError, *facts: str) -> None:
-    for fact in facts:
-        assert fact in error.render(), error.render()
-    assert error.hint
 
 
 # --- folders and journals ---------------------------------------------------------------------
@@ -55,7 +51,7 @@ def test_a_folder_of_runs_that_is_none(tmp_path: Path) -> None:
     for runs, fact in (("file", "is not a folder"), ("/proc/runs", "cannot write /proc/runs")):
         with pytest.raises(JournalError) as refused:
             create_run_folder(tmp_path / runs, tmp_path / "job.lmj")
-        told(refused.value, fact)
+        assert_states(refused.value, fact)
 
 
 def test_a_run_without_a_journal_and_one_without_records(tmp_path: Path) -> None:
@@ -63,11 +59,11 @@ def test_a_run_without_a_journal_and_one_without_records(tmp_path: Path) -> None
     made.path.mkdir()
     with pytest.raises(JournalError) as refused:
         replay_run(made)
-    told(refused.value, "run-0001 has no journal", "lmctl jobs")
+    assert_states(refused.value, "run-0001 has no journal", "lmctl jobs")
     made.journal.write_text("")
     with pytest.raises(JournalError) as refused:
         list(line_hashes(made.journal))
-    told(refused.value, "is not what was written", "it holds no record")
+    assert_states(refused.value, "is not what was written", "it holds no record")
 
 
 def test_a_run_that_is_still_going_is_not_recovered(tmp_path: Path) -> None:
@@ -76,7 +72,7 @@ def test_a_run_that_is_still_going_is_not_recovered(tmp_path: Path) -> None:
     with JournalWriter(made.journal, {"lines": 9}, local={}):
         with pytest.raises(JournalError) as refused:
             replay_run(made)
-        told(refused.value, "run-0001 is still running", "lmctl status", "lmctl stop")
+        assert_states(refused.value, "run-0001 is still running", "lmctl status", "lmctl stop")
 
 
 def test_a_job_that_changes_while_it_is_read(tmp_path, profile, job_file, monkeypatch) -> None:
@@ -92,7 +88,7 @@ def test_a_job_that_changes_while_it_is_read(tmp_path, profile, job_file, monkey
     monkeypatch.setattr(run_folders, "create_run_folder", after_another_was_planned)
     with pytest.raises(JobError) as refused:
         virtual_time.run_in_virtual_time(RunExecutor(job, profile, tmp_path / "runs").run())
-    told(refused.value, "changed while it was read")
+    assert_states(refused.value, "changed while it was read")
 
 
 # --- who has the machine, and who asks --------------------------------------------------------
@@ -104,7 +100,7 @@ def test_locks_that_cannot_be_had(tmp_path, profile, monkeypatch) -> None:
     locks.write_text("")
     with pytest.raises(MachineError) as refused, lock_machine(profile, "run-0001", tmp_path):
         pass
-    told(refused.value, f"{locks} is not a folder", "remove it")
+    assert_states(refused.value, f"{locks} is not a folder", "remove it")
     locks.unlink()
     with lock_machine(profile, "run-0001", tmp_path):
         names = [path.name for path in locks.iterdir()]
@@ -113,7 +109,8 @@ def test_locks_that_cannot_be_had(tmp_path, profile, monkeypatch) -> None:
         (locks / name).mkdir(parents=True)
     with pytest.raises(MachineError) as refused, lock_machine(profile, "run-0001", tmp_path):
         pass
-    told(refused.value, "no lock can be had on the machine", "Is a directory", "permissions")
+    assert_states(refused.value, "no lock can be had on the machine", "Is a directory",
+                  "permissions")
 
 
 def test_a_run_that_answers_nonsense(tmp_path: Path) -> None:
@@ -133,26 +130,26 @@ def test_a_run_that_answers_nonsense(tmp_path: Path) -> None:
         send_request(tmp_path, "status")
     answering.join()
     listening.close()
-    told(refused.value, "answers makes no sense", "another version of lmctl")
+    assert_states(refused.value, "answers makes no sense", "another version of lmctl")
 
 
 def test_a_socket_that_cannot_be_connected_to(tmp_path: Path) -> None:
     (tmp_path / SOCKET_NAME).symlink_to("/" + "s" * 200)
     with pytest.raises(JournalError) as refused:
         connect_to_run(tmp_path)
-    told(refused.value, "cannot be reached", "only the user who runs it")
+    assert_states(refused.value, "cannot be reached", "only the user who runs it")
 
 
 def test_acts_that_a_run_has_no_use_for(tmp_path, profile) -> None:
     executor = RunExecutor(tmp_path / "job.lmj", profile, tmp_path)
     with pytest.raises(UsageError) as refused:
         executor.enter_height(8.0)
-    told(refused.value, "no height is asked for in this run", "height_check_every")
+    assert_states(refused.value, "no height is asked for in this run", "height_check_every")
     refilling = RefillProcedure(profile.hopper, SimpleNamespace())
     refilling.request_refill("A")
     with pytest.raises(UsageError) as refused:
         refilling.request_refill("B")
-    told(refused.value, "hopper A is being refilled", "one hopper after the other")
+    assert_states(refused.value, "hopper A is being refilled", "one hopper after the other")
 
 
 # --- the cell ---------------------------------------------------------------------------------
@@ -186,14 +183,14 @@ def test_a_beam_that_is_not_armed(lines: tuple[str, ...], facts: tuple[str, ...]
     cell = SimpleNamespace(motion=Controller(*lines), safety=None)
     with pytest.raises(MachineError) as refused:
         asyncio.run(BeamControl(cell).arm())
-    told(refused.value, *facts)
+    assert_states(refused.value, *facts)
 
 
 def test_a_position_that_was_lost_while_the_machine_came_to_rest() -> None:
     cell = SimpleNamespace(motion=Controller(trusted=False), safety=None)
     with pytest.raises(MachineError) as refused:
         asyncio.run(BeamControl(cell).come_to_rest())
-    told(refused.value, "position is no longer known", "home the machine", "lmctl recover")
+    assert_states(refused.value, "position is no longer known", "home the machine", "lmctl recover")
 
 
 @pytest.mark.parametrize(
@@ -221,7 +218,7 @@ def test_all_that_keeps_a_run_from_starting_is_told_at_once() -> None:
             InterlockError("door", "the door is open", hint="close it"),
             InterlockError("chiller", "the chiller is warm", hint="wait"),
         ])
-    told(refused.value, "the cell is not ready", "the door is open", "the chiller is warm")
+    assert_states(refused.value, "the cell is not ready", "the door is open", "the chiller is warm")
     assert refused.value.hint == "close it; wait"
 
 
@@ -229,15 +226,16 @@ def test_a_machine_that_stands_elsewhere_than_when_its_recovery_was_decided_on()
     continues = SimpleNamespace(standstill_mm=(10.0, 12.5, 20.0), run="run-0003")
     with pytest.raises(MachineError) as refused:
         acceptance._refuse_displaced(Controller(at_mm=(0.0, 0.0, 0.0)), continues)
-    told(refused.value, "says another place than a moment ago", "it reports X0.000 Y0.000 Z0.000",
-         "reported X10.000 Y12.500 Z20.000 before", "DTR", "recover run-0003 again")
+    assert_states(refused.value, "says another place than a moment ago",
+                  "it reports X0.000 Y0.000 Z0.000", "reported X10.000 Y12.500 Z20.000 before",
+                  "DTR", "recover run-0003 again")
     acceptance._refuse_displaced(Controller(at_mm=(10.0, 12.5, 20.0)), continues)
 
 
 def test_deposition_that_ended_nowhere_known_is_not_gone_on_with() -> None:
     with pytest.raises(MachineError) as refused:
         RunSegmentFactory.create(SimpleNamespace(), SimpleNamespace(is_doubtful=True), None, 100)
-    told(refused.value, "where deposition ended is not known", "lmctl recover")
+    assert_states(refused.value, "where deposition ended is not known", "lmctl recover")
 
 
 # --- powder -----------------------------------------------------------------------------------
@@ -265,7 +263,7 @@ def test_powder_that_is_not_that_of_the_pulses(more_noise, slope, facts) -> None
                             slopes=[SimpleNamespace(value=slope)])
     with pytest.raises(MachineError) as refused:
         purge_measurement._refuse_other_powder(found, SilentScale())
-    told(refused.value, "catch scale", *facts)
+    assert_states(refused.value, "catch scale", *facts)
 
 
 def test_a_purge_whose_readings_get_lost() -> None:
@@ -278,7 +276,7 @@ def test_a_purge_whose_readings_get_lost() -> None:
 
     with pytest.raises(MachineError) as refused:
         virtual_time.run_in_virtual_time(main())
-    told(refused.value, "it gave too few readings", "check its cable")
+    assert_states(refused.value, "it gave too few readings", "check its cable")
 
 
 def test_a_refilled_hopper_that_never_feeds_steadily(profile) -> None:
@@ -289,8 +287,8 @@ def test_a_refilled_hopper_that_never_feeds_steadily(profile) -> None:
     refilling._unproven = [hopper]
     with pytest.raises(InterlockError) as refused:
         virtual_time.run_in_virtual_time(refilling.prove_flow(cell))
-    told(refused.value, "hopper A does not feed steadily after its refill",
-         "it has not been read", "bridged or damp powder")
+    assert_states(refused.value, "hopper A does not feed steadily after its refill",
+                  "it has not been read", "bridged or damp powder")
 
 
 def test_a_door_that_was_opened_and_closed_holds_the_run() -> None:
@@ -298,4 +296,4 @@ def test_a_door_that_was_opened_and_closed_holds_the_run() -> None:
     monitor = SimpleNamespace(_raise=raised.append)
     DeviceMonitor._check_hold(
         monitor, SimpleNamespace(state="Door", substate=0, is_held=False))
-    told(raised[0], "the safety door was opened, and is closed again", "look at the part")
+    assert_states(raised[0], "the safety door was opened, and is closed again", "look at the part")
