@@ -11,6 +11,7 @@ import ast
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator
 from itertools import groupby
+from pathlib import Path
 from typing import NamedTuple
 
 from tests.house.source_modules import (
@@ -55,11 +56,11 @@ class Site(NamedTuple):
 
 
 class MessageSites:
-    """Texts of all messages, found once over all packages."""
+    """Texts of all messages, found once over all packages. root : the folder that holds them"""
 
-    def __init__(self) -> None:
-        self._modules = [SourceModule(path) for package in PACKAGES
-                         for path in sorted((ROOT / package).rglob("*.py"))]
+    def __init__(self, root: Path = ROOT) -> None:
+        self._modules = [SourceModule(path, root) for package in PACKAGES
+                         for path in sorted((root / package).rglob("*.py"))]
         self._functions: dict[str, list[Scope]] = defaultdict(list)
         self._calls: dict[str, list[tuple[ast.Call, Scope]]] = defaultdict(list)
         self._base: dict[str, str] = {}

@@ -27,8 +27,8 @@ class Scope:
 class SourceModule:
     """One parsed file. constants : texts that it names at its top"""
 
-    def __init__(self, path: Path) -> None:
-        self.path = path.relative_to(ROOT).as_posix()
+    def __init__(self, path: Path, root: Path) -> None:
+        self.path = path.relative_to(root).as_posix()
         self.tree = ast.parse(path.read_text(encoding="utf-8"))
         self.constants = {
             target.id: node.value
