@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from lmctl.config.part_file import ProcessSettings
 from lmctl.errors import ConfigError, PlanError
-from lmctl.job.schema import LineKind
+from lmctl.job.schema import LayerHeat, LineKind
 from lmctl.part.load import load_part
 from lmctl.plan.execution import stage_workers
+from lmctl.plan.heat import heat_findings
 from lmctl.plan.planner import PlanOptions, plan_job
 from tests.plan.planned_jobs import layers_of
 from tests.plan.test_part_temperature import block
@@ -35,13 +39,6 @@ def bead_starts_s(layers):
     """When the first bead of each layer begins."""
     return [layer.lines["end_s"][np.argmax(layer.lines["kind"] == LineKind.BEAD) - 1]
             for layer in layers]
-
-
-def test_a_wait_longer_than_anybody_waits_is_refused(plan, monkeypatch):
-    monkeypatch.setattr("lmctl.plan.heat.heat_planner.LONGEST_WAIT_S", 0.5)
-    with pytest.raises(PlanError, match="would not cool to 250 °C within") as refused:
-        plan(LIMITED)
-    assert "contact" in refused.value.hint
 
 
 def test_a_limit_is_kept_by_waits_at_the_purge_position(plan, profile):
@@ -150,3 +147,29 @@ power_per_layer = 0.95
 final_power = 0.5"""))
     assert list(found) == ["process"]
     assert "first_layer_power = 1.5 and final_power = 0.5" in found["process"]
+
+
+def test_a_limit_that_no_wait_keeps_is_refused_with_the_place(plan):
+    """An insulated plate only grows warmer: it must not wait for ever."""
+    insulated = block(high="12, 2, 4", limit=26, plate="contact_W_m2_K = 0\nthickness_mm = 1",
+                      process="surface_loss_W_m2_K = 0")
+    with pytest.raises(PlanError) as caught:
+        plan(insulated)
+    said = str(caught.value)
+    assert re.search(r"the interpass limit of 26 °C cannot be kept by waiting: in layer \d+, at "
+                     r"x 1[45]\d\.\d, y 1[45]\d\.\d, the beam comes back to (2[6-9]|[34]\d) °C",
+                     said)
+    assert caught.value.where == ("process.interpass_max_C",)
+    assert "substrate.contact_W_m2_K" in caught.value.hint
+
+
+def test_a_limit_exceeded_is_said_with_place_and_what_to_change():
+    layers = [LayerHeat(layer=number, interpass_C=reached_C, x_mm=147.5, y_mm=150.7, wait_s=4.0,
+                        cuts=0, power_factor=1.0)
+              for number, reached_C in enumerate((380.0, 473.0, 455.0))]
+    heat = SimpleNamespace(layers=layers, limit_C=400.0, tolerance_K=7.6)
+    found = heat_findings(heat, ProcessSettings(interpass_max_C=400), is_excerpt=False)
+    assert [one["level"] for one in found] == ["warning"]
+    for part in ("400 °C cannot be kept by waiting", "473 °C in layer 2 at x 147.5, y 150.7",
+                 "2 layers, the first is layer 2", "power_W", "interpass_max_C to 480"):
+        assert part in found[0]["text"]

@@ -65,15 +65,42 @@ def line(heat, start, end, start_s, end_s, power_W, volume_mm3):
 def test_heat_is_neither_made_nor_lost(name, aside_mm):
     """Insulated, through slabs that retire to deep cells, of a poor and of the best conductor, with
     beads that graze other columns: all that was absorbed is in the body."""
-    heat = heat_of(block(plate="contact_W_m2_K = 0", process="surface_loss_W_m2_K = 0").replace(
-        "316L", name))
-    part = temperature_of(heat)
+    heat, part = insulated(name)
     for layer in range(24):
         part.begin_layer()
         begin, y = part.time_s, 9 + layer % 3 * aside_mm
         beads = line(heat, (2, y), (18, y + 2), begin, begin + 2, 300, 20)
         part.advance(begin + 3, beads, np.empty(0), np.empty((0, 2)))
     assert part.heat_content_J() == pytest.approx(24 * 600, rel=2e-3)
+
+
+@pytest.mark.parametrize("name", ["316L", "WC-12Co"])
+@pytest.mark.parametrize("row", [4.5, 5.5])
+@pytest.mark.parametrize("sliver", [1e-5, 1e-7, 1e-9])
+def test_slivers_of_columns_do_not_run_away(name, row, sliver):
+    """Beads beside a column of which they fill so little: it conducts no more than it can hold, in
+    fine cells and when it has retired to deep ones."""
+    heat, part = insulated(name)
+    grid = heat_grid(np.zeros(2), np.full(2, 20.0), 2.0, 0.8, heat.diffusivity_mm2_s)
+    # a bead is deposited along two lines, a quarter of its strip aside
+    y = grid.origin_mm[1] + (row + sliver) * grid.cell_mm - 1.334 / 4
+    for _ in range(24):
+        part.begin_layer()
+        begin = part.time_s
+        beads = line(heat, (2, y), (18, y), begin, begin + 2, 30, 20)
+        read = part.advance(begin + 3, beads, np.full(30, begin + 2.9), np.column_stack([
+            np.full(30, 10.0), np.linspace(0, 20, 30)]))
+        # what a bead would have if it conducted nothing
+        assert np.nanmax(read) < 25 + 60 / (20 * heat.capacity_J_mm3_K[0])
+        assert np.nanmin(read) > 19.5
+    assert part.heat_content_J() == pytest.approx(24 * 60, rel=2e-3)
+
+
+def insulated(name):
+    """Constants of a part of one powder, and its temperature on an insulated plate."""
+    heat = heat_of(block(plate="contact_W_m2_K = 0", process="surface_loss_W_m2_K = 0").replace(
+        "316L", name))
+    return heat, temperature_of(heat)
 
 
 def test_a_spot_on_a_thick_plate_cools_as_the_half_space():

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import NoReturn
 
 import numpy as np
 
@@ -17,7 +18,12 @@ from lmctl.array_types import FloatArray, IndexArray
 from lmctl.errors import PlanError
 from lmctl.job.schema import LayerHeat, LineKind
 from lmctl.part.materials.build_heat import BuildHeat
-from lmctl.plan.heat.cooling import LONGEST_WAIT_S, PassReadings, wait_for_limit_s
+from lmctl.plan.heat.cooling import (
+    LONGEST_WAIT_S,
+    HottestPlace,
+    PassReadings,
+    wait_for_limit_s,
+)
 from lmctl.plan.heat.heat_blocks import MIN_PIECE_BEADS, block_starts, middle_of_block
 from lmctl.plan.heat.heat_grid import heat_grid
 from lmctl.plan.heat.heat_steps import NO_LINES, BeadLines
@@ -140,11 +146,12 @@ class HeatPlanner:
             temperature.advance(began_s + float(lines.start_s[a]) + shift_s, NO_LINES, *_NOTHING)
             # read before this block, but not if the beam stays off here
             again = np.flatnonzero((moments.line >= a) & (moments.owner < a))
+            middle = middle_of_block(lines, first, a, b, piece_mm)
             wait_s, after, is_cool = self._wait_s(
                 layer, temperature, lines.part(a, b, began_s + shift_s), moments.place_mm[mine],
-                moments.at_s[mine] + began_s + shift_s, moments.place_mm[again])
-            middle = None if is_cool else middle_of_block(lines, first, a, b, piece_mm)
-            if middle is not None:  # it heats itself too much: there may be a wait within it
+                moments.at_s[mine] + began_s + shift_s, moments.place_mm[again],
+                can_divide=middle is not None)
+            if middle is not None and not is_cool:  # there may be a wait within it
                 blocks += [(middle, b), (a, middle)]
                 continue
             temperature = after
@@ -159,12 +166,13 @@ class HeatPlanner:
 
     def _wait_s(
         self, layer: int, before: PartTemperature, block: BeadLines, place_mm: FloatArray,
-        at_s: FloatArray, again_mm: FloatArray,
+        at_s: FloatArray, again_mm: FloatArray, *, can_divide: bool,
     ) -> tuple[float, PartTemperature, bool]:
         """The wait before a block of lines, the part after it, and whether the limit is kept.
 
         place_mm, at_s : places read during the block, and when without a wait
         again_mm : places that are read at its start if there is a wait
+        can_divide : whether there may be a wait within it
         """
         wait_s, is_cool = 0.0, False
         for _ in range(_ROUNDS):
@@ -178,7 +186,9 @@ class HeatPlanner:
                 break
             more_s = wait_for_limit_s(
                 waited, PassReadings(place_mm, at_s + wait_s - waited.time_s, read),
-                self._limit_C - self.tolerance_K, self._heat.plate.at_C)
+                self._limit_C - self.tolerance_K, self._heat.plate.at_C, can_divide=can_divide)
+            if isinstance(more_s, HottestPlace):
+                self._refuse(layer, more_s)
             if more_s <= 0:
                 break
             if wait_s == 0:
@@ -186,13 +196,17 @@ class HeatPlanner:
                 at_s = np.concatenate([np.full(len(again_mm), before.time_s), at_s])
                 place_mm = np.vstack([again_mm, place_mm])
             wait_s += more_s
-            if wait_s >= LONGEST_WAIT_S:
-                raise PlanError(
-                    f"layer {layer + 1} would not cool to {self._limit_C:g} °C within "
-                    f"{LONGEST_WAIT_S / 60:.0f} minutes", where="process.interpass_max_C",
-                    hint="raise the limit, lower the plate's temperature, or improve its contact "
-                         "with the table ([substrate])")
         return wait_s, after, is_cool
+
+    def _refuse(self, layer: int, hottest: HottestPlace) -> NoReturn:
+        x, y = hottest.place_mm.tolist()
+        raise PlanError(
+            f"the interpass limit of {self._limit_C:g} °C cannot be kept by waiting: in layer "
+            f"{layer + 1}, at x {x:.1f}, y {y:.1f}, the beam comes back to "
+            f"{hottest.found_C:.0f} °C even after {LONGEST_WAIT_S / 60:.0f} minutes",
+            where="process.interpass_max_C",
+            hint="raise the limit, lower power_W or the plate's temperature, or improve the "
+                 "plate's contact with the table (substrate.contact_W_m2_K)")
 
     def _bead_lines(
         self, moves: Moves, start_mm: FloatArray, durations_s: FloatArray

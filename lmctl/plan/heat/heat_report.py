@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -68,16 +69,23 @@ def heat_findings(
     cuts = sum(layer.cuts for layer in heat.layers)
     waits = (f"with {wait_s:.0f} s of waits in {waiting} layers, and paths interrupted for them in "
              f"{cuts} places" if waiting else "without waits for heat")
-    found = [report_finding(
-        True, f"interpass temperature predicted at most {hottest.interpass_C:.0f} °C, in layer "
-        f"{hottest.layer + 1} at x {hottest.x_mm:.1f}, y {hottest.y_mm:.1f} (limit "
-        f"{heat.limit_C:g} °C), {waits}")]
-    if above:
-        found.append(report_finding(
-            False, f"interpass temperature predicted above {heat.limit_C:g} °C in {len(above)} "
-            f"layers, the first is layer {above[0].layer + 1}: the beam comes back sooner than "
-            "a path can be interrupted; lower the power, or raise the limit"))
-    return found
+    if not above:
+        return [report_finding(
+            True, f"interpass temperature predicted at most {hottest.interpass_C:.0f} °C, in layer "
+            f"{hottest.layer + 1} at x {hottest.x_mm:.1f}, y {hottest.y_mm:.1f} (limit "
+            f"{heat.limit_C:g} °C), {waits}")]
+    return [report_finding(
+        False, f"the interpass limit of {heat.limit_C:g} °C cannot be kept by waiting: the beam "
+        f"is predicted to come back to {hottest.interpass_C:.0f} °C in layer {hottest.layer + 1} "
+        f"at x {hottest.x_mm:.1f}, y {hottest.y_mm:.1f}, on a path too short to interrupt, and to "
+        f"more than the limit in {len(above)} layers, the first is layer {above[0].layer + 1}; "
+        f"{waits}. Lower power_W or power_per_layer, widen the part there, or set "
+        f"interpass_max_C to {_rounded_up_C(hottest.interpass_C)}")]
+
+
+def _rounded_up_C(temperature_C: float) -> int:
+    """To the next ten."""
+    return math.ceil(temperature_C / 10) * 10
 
 
 def _hottest(layers: list[LayerHeat]) -> LayerHeat:

@@ -179,7 +179,8 @@ class PartTemperature:
         bears = deep_area * deep.cover[deep.n]
         below = below * np.minimum(under / np.maximum(bears, 1e-6), 1.0)
         covered = covered * np.minimum(bears / np.maximum(under, 1e-6), 1.0)[where]
-        fine.up_W_K[0] = np.where(fine.volume_mm3[1] > 0, covered / (own + below[where]), 0.0)
+        fine.up_W_K[0] = np.where(
+            fine.volume_mm3[1] > 0, covered / np.maximum(own + below[where], 1e-30), 0.0)
         fine.rise_K[0] = deep.rise_K[deep.n][where]
         deep.loss_W_K[deep.n] = np.maximum(
             deep.loss_W_K[deep.n] - plate.loss_W_mm2_K * np.minimum(under, bears), 0.0)
@@ -228,9 +229,10 @@ def _growing(total_mm: float, first_mm: float) -> list[float]:
 
 def _resistance(body: CellBody, slab: int, area_mm2: FloatArray) -> FloatArray:
     """Of half a slab, over a unit of area [mm² K/W]."""
-    volume = np.maximum(body.volume_mm3[slab], 1e-9)
-    thick = volume / (area_mm2 * np.maximum(body.cover[slab], 1e-6))
-    return np.asarray(0.5 * thick * volume / np.maximum(body.conductivity_mm3[slab], 1e-12))
+    least = 1e-30  # slivers conduct in proportion, too: no floor but against division by nothing
+    volume = body.volume_mm3[slab].astype(np.float64)
+    thick = volume / np.maximum(area_mm2 * body.cover[slab], least)
+    return np.asarray(0.5 * thick * volume / np.maximum(body.conductivity_mm3[slab], least))
 
 
 def _with_room(body: CellBody) -> CellBody:

@@ -6,11 +6,14 @@ by 5 K where the rise is below 50 K; weighted equally, a place a bead width.
 
 `interpass_time`: program time of a plan with a limit over that of the same part with one dwell
 before each layer but the first, the least (to a second) with which the finer solution keeps that
-limit at all places, or what it finds for the planner's own plan where that is more.
+limit at all places, or what it finds for the planner's own plan where that is more. The part is a
+wall of one track a layer: a layer of two would come back to its own heat, which no dwell between
+layers takes away.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -64,8 +67,10 @@ SHAPES = {
 }
 _POWER_W = 800
 _LIMIT_C = 400.0
-#: A wall whose layers are short: it grows hot at its top.
-_TALL = _STEEL + _BOX.format("20, 2.668, 8")
+#: A wall of one track, whose layers are short: it grows hot at its top.
+_TALL = _STEEL + _BOX.format("20, 2, 8")
+#: No dwell is tried that is longer [s].
+_LONGEST_DWELL_S = 120
 _LEAST_RISE_K, _TOLERANCE = 50.0, 0.1
 
 
@@ -90,23 +95,40 @@ def interpass_time(folder: Path) -> dict[str, Any]:
     ours_s = float(manifest.totals["duration_s"])
     ours_C = _hottest(part, layers, manifest)
     free_part, free, free_manifest = _plan(folder / "free.toml", _TALL, "interpass_max_C = 3000")
-    limit_C = max(_LIMIT_C, ours_C)
+    limit_C, free_s = max(_LIMIT_C, ours_C), float(free_manifest.totals["duration_s"])
 
-    def hottest(dwell_s: float) -> float:
-        return _hottest(free_part, _dwelling(free, dwell_s), free_manifest)
+    def is_cool(dwell_s: int) -> bool:
+        return _hottest(free_part, _dwelling(free, dwell_s), free_manifest) <= limit_C
 
-    low_s, high_s = 0.0, 16.0
-    while hottest(high_s) > limit_C:
-        low_s, high_s = high_s, 2 * high_s
-        if high_s > 600:
-            break
-    while high_s - low_s > 1.0:
-        middle_s = (low_s + high_s) / 2
-        low_s, high_s = (middle_s, high_s) if hottest(middle_s) > limit_C else (low_s, middle_s)
-    dwelling_s = float(free_manifest.totals["duration_s"]) + high_s * (len(free) - 1)
-    return {"interpass_time": round(ours_s / dwelling_s, 3), "interpass_fixed_dwell_s": high_s,
+    predicted = manifest.totals["predicted_heat"]
+    dwell_s = _least_dwell_s(is_cool, round(max(one["wait_s"] for one in predicted["by_layer"])))
+    dwelling_s = free_s + dwell_s * (len(free) - 1)
+    return {"interpass_time": round(ours_s / dwelling_s, 3), "interpass_fixed_dwell_s": dwell_s,
             "interpass_fine_C": round(ours_C, 1), "interpass_limit_C": _LIMIT_C,
-            "interpass_predicted_C": manifest.totals["predicted_heat"]["interpass_C"]}
+            "interpass_predicted_C": predicted["interpass_C"]}
+
+
+def _least_dwell_s(is_cool: Callable[[int], bool], guess_s: int) -> float:
+    """The least dwell that keeps the part cool, in whole seconds; infinite where none up to
+    `_LONGEST_DWELL_S` does. Longer dwells are cooler: found in few trials near the guess."""
+    step, cool, hot = 1, None, -1
+    at = guess_s
+    while cool is None or cool - hot > 1:
+        if is_cool(at):
+            cool = at
+        else:
+            hot = at
+        if cool is None:
+            if hot >= _LONGEST_DWELL_S:
+                return float("inf")
+            at, step = min(hot + step, _LONGEST_DWELL_S), 2 * step
+        elif hot < 0:
+            at, step = max(cool - step, 0), 2 * step
+            if cool == 0:
+                return 0.0
+        else:
+            at = (cool + hot) // 2
+    return float(cool)
 
 
 def _plan(file: Path, text: str, process: str) -> tuple[Part, list[JobLayer], JobManifest]:
