@@ -95,3 +95,26 @@ def test_a_part_of_two_runs_is_predicted_from_both(lmctl, box, tmp_path):
     assert both["built_by"] == whole["built_by"] == "predicted"
     assert both["built_over_design"] == pytest.approx(whole["built_over_design"], abs=0.03)
     assert both["missing_mm3"] == pytest.approx(whole["missing_mm3"], abs=3.0)
+
+
+def on_bench(tmp_path, *changes):
+    """A bench with a process and another truth. changes : (old, new) in its text, each once"""
+    text = (tmp_path / "bench.toml").read_text() + PROCESS
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new, 1)
+    (tmp_path / "hidden.toml").write_text(text)
+    return tmp_path / "hidden.toml"
+
+
+def test_a_truth_that_makes_the_build_impossible_is_said_and_shown(lmctl, box, tmp_path):
+    """A tenth of the powder stays on the part: the run cannot know it, the comparison says it."""
+    bench = on_bench(tmp_path, ("catch_efficiency = 0.75", "catch_efficiency = 0.075"),
+                     ("catch_efficiency = 0.55", "catch_efficiency = 0.055"))
+    assert lmctl("run", box, "--sim", "--bench", bench).code == 0
+    found = lmctl("report", "run-0001", "--as-built", "--json").json
+    assert found["built_over_design"] == pytest.approx(0.1, abs=0.02)
+    assert found["missing_mm3"] == pytest.approx(0.9 * found["design_mm3"], rel=0.05)
+    assert found["by_path"]["within"]["0.02"] > 0.9  # both alike: the mixture is right
+    text = lmctl("report", "run-0001", "--as-built").data
+    assert "missing" in text
