@@ -203,6 +203,12 @@ class MachineProfile(ConfigModel):
         profile._simulated_cell = cell
         return profile
 
+    @property
+    def purge_measuring_s(self) -> float:
+        """Most time that measuring with the catch scale adds to a purge; 0 where it does not."""
+        purge = None if self.scale is None else self.scale.purge
+        return 0.0 if purge is None else purge.max_s
+
     def with_measured_values(
         self, hoppers: tuple[HopperSettings, ...], dilution: tuple[DilutionSettings, ...],
         mixture_catch: tuple[MixtureCatchSettings, ...], use: CalibrationUse,

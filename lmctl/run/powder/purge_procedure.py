@@ -27,7 +27,8 @@ class PurgeProcedure:
     """The purges of one run.
 
     hoses : dead times and lags in use
-    layers : between layers, where the profile asks for them; None where it does not
+    layers : between layers, where the profile asks for them; None where it does not, and for a job
+        without powder, which measures nothing either
     """
 
     def __init__(
@@ -38,7 +39,7 @@ class PurgeProcedure:
         self.hoses = HoseCalibration(hoppers, use, alarms, recorder)
         self.layers: LayerPurges | None = None
         self._measurement: PurgeMeasurement | None = None
-        if scale is not None and scale.purge is not None:
+        if scale is not None and scale.purge is not None and manifest.powder_mode != "none":
             self._measurement = PurgeMeasurement(
                 scale, hoppers, use, self.hoses, recorder)
             if scale.purge.every_layers:

@@ -63,7 +63,7 @@ class PhaseClock:
         self.postflow_s = max((post_flow_duration_s(*used) for used in of_feeder), default=0.0)
         self._lasts_s = {
             Effect.GAS_ON: max((feeder.gas_preflow_s for feeder, _ in of_feeder), default=0.0),
-            Effect.AWAIT_STABLE: max(
+            Effect.AWAIT_STABLE: profile.purge_measuring_s + max(
                 (max(feeder.stabilise_s, settling_time_s(of_it)) for feeder, of_it in of_feeder),
                 default=0.0),
             Effect.LEAD_POWDER: max(leads_s, default=0.0),

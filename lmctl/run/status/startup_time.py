@@ -38,7 +38,8 @@ class StartupTime:
         used = {feeder: of_it for feeder, of_it in feeders.items() if of_it}
         self._waits_s = (
             max((feeder.gas_preflow_s for feeder in used), default=0.0),
-            max((max(feeder.stabilise_s, settling_time_s(of_it)) for feeder, of_it in used.items()),
+            profile.purge_measuring_s + max(
+                (max(feeder.stabilise_s, settling_time_s(of_it)) for feeder, of_it in used.items()),
                 default=0.0),
             max((h.dead_time_s for h in hoppers), default=0.0) if powder_mode == "lead" else 0.0,
             _CONNECT_S,

@@ -203,3 +203,23 @@ def test_a_hold_in_the_middle_of_a_measurement_takes_powder_off(run, tall_job, p
     assert "FEEDING" not in one.found
     assert [r["hopper"] for r in responses(one)] == ["A", "B", "A", "B"]
     one.check_safe()
+
+
+def test_a_job_without_powder_measures_nothing(run, tmp_path, profile, job_file):
+    nothing = [(0.0, (0.0, 0.0)), (1e6, (0.0, 0.0))]
+    job_file(tmp_path / "dry.lmj", profile, mode="none", flow=nothing)
+    one = run(tmp_path / "dry.lmj", bench=[AT_PURGE], profile=with_scale(profile, every_layers=1))
+    assert responses(one) == []
+    assert one.states.count("purging") == 0
+    assert all(device.hoppers[1].process.fed_g(1e3) == 0 for device in one.bench.feeders.values())
+
+
+def test_the_screen_knows_how_long_a_measuring_purge_may_take(run, square_job, profile):
+    def look(one):
+        one.seen = one.executor.snapshot()
+
+    one = run(square_job, bench=[AT_PURGE], profile=with_scale(profile, max_s=50.0),
+              before=lambda one: one.loop.call_later(12.0, look, one))
+    assert one.seen["state"] == "powder"
+    assert "purging" in one.seen["doing"]
+    assert 30.0 < one.seen["doing_left_s"] < 58.0
