@@ -180,7 +180,7 @@ def test_a_hopper_is_refilled_by_keyboard_alone_on_a_narrow_page(live_page, open
     press_until_focused(page, "Confirm")
     page.keyboard.press("Enter")
     expect(page.locator("#state")).to_have_text("refilling", timeout=60_000)
-    expect(page.locator("#doing")).to_contain_text("hopper B")
+    expect(page.locator("#doing")).to_contain_text("left. Hopper B may be opened")
 
     press_until_focused(page, "Hopper filled")
     page.keyboard.press("Enter")

@@ -8,6 +8,9 @@ from html import escape
 from importlib.resources import files
 from typing import Any
 
+#: One script in the page, in this order.
+SCRIPTS = ("layer_data.js", "layer_drawing.js", "controls.js")
+
 
 def viewer_page(
     head: dict[str, Any], layers: Iterable[dict[str, Any]], first_layer: int
@@ -21,7 +24,8 @@ def viewer_page(
     page = page.replace("@TITLE@", escape(str(head["part"])))
     page = page.replace("@STYLE@", (folder / "viewer.css").read_text("utf-8"))
     page = page.replace("@FIRST@", str(first_layer))
-    page = page.replace("@SCRIPT@", (folder / "viewer.js").read_text("utf-8"))
+    page = page.replace("@SCRIPT@", "\n".join(
+        (folder / name).read_text("utf-8") for name in SCRIPTS))
     before, _, rest = page.partition("@HEAD@")
     between, _, after = rest.partition("@LAYERS@")
     yield before + _embedded(head) + between + "["

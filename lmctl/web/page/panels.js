@@ -38,8 +38,8 @@ export function showState(now) {
   const left = now.doing_left_s == null ? "" : `, ${duration(now.doing_left_s)} left`;
   const doing = now.doing && now.doing !== now.state ? `${now.doing}${left}` : "";
   const refill = !now.refill_hopper ? "" : now.state === "refilling"
-    ? ` Hopper ${now.refill_hopper} may be opened and filled.` : ` Hopper ${now.refill_hopper} is to be refilled: do not open it yet.`;
-  $("doing").textContent = `${now.held_by ? `held by: ${now.held_by}. ${doing}` : doing}${refill}`.trim();
+    ? `Hopper ${now.refill_hopper} may be opened and filled.` : `Hopper ${now.refill_hopper} is to be refilled: do not open it yet.`;
+  $("doing").textContent = [now.held_by && `held by: ${now.held_by}`, doing, refill].filter(Boolean).join(". ");
   $("done").value = now.total_s ? Math.min(1, now.done_s / now.total_s) : 0;
   const rows = [
     ["layer", now.layer == null ? `– of ${now.layers ?? "–"}` : `${now.layer} of ${now.layers}`],
