@@ -136,6 +136,8 @@ class LayerHeat:
     wait_s : beam off for heat, beside the time that travel and powder take
     cuts : places where a path is interrupted for such a wait
     power_factor : on the recipe's beam power
+    order : of tracks of equal mixture: "nearest" first; "coolest" first; or far "apart", each from
+        the last ones
     """
 
     layer: int
@@ -145,6 +147,7 @@ class LayerHeat:
     wait_s: float
     cuts: int
     power_factor: float
+    order: str = "nearest"
 
 
 @dataclass(frozen=True)

@@ -173,12 +173,12 @@ def _heat_table(part: PartRecord) -> str:
     rows = [
         (str(one["layer"]), format_number(one["interpass_C"], 0),
          *(format_number(axis, 1) for axis in one["at_mm"]), format_number(one["wait_s"], 1),
-         str(one["cuts"]), f"{100 * one['power_factor']:.0f}")
+         str(one["cuts"]), f"{100 * one['power_factor']:.0f}", one.get("order", "nearest"))
         for one in heat.get("by_layer", []) if one["layer"] in begun]
     if not rows:
         return ""
     heads = ("layer", "interpass °C\npredicted", "at x mm", "at y mm", "waits s\nplanned",
-             "paths\ninterrupted", "power %\nof recipe")
+             "paths\ninterrupted", "power %\nof recipe", "order\nof tracks")
     return "\n".join(["heat, as the plan predicts it", *table_lines(heads, rows)])
 
 

@@ -8,7 +8,7 @@ and within long paths; a path is interrupted only where it has to wait.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import NoReturn
 
@@ -36,6 +36,8 @@ from lmctl.plan.sequence.moves import Moves
 #: Waits are aimed below the limit by this part of its rise over the plate, and predictions above it
 #: by as much keep it: it is far less than predictions are uncertain by.
 _TOLERANCE = 0.02
+#: As good as now [s].
+_MOMENT_S = 1e-3
 #: A wait is corrected so often, since a longer wait changes a little what the pass itself adds.
 _ROUNDS = 4
 
@@ -51,6 +53,20 @@ class PredictedReadings:
     place_mm: FloatArray
     at_s: FloatArray
     found_C: FloatArray
+
+
+@dataclass(frozen=True)
+class HeatChoice:
+    """What is chosen for a layer.
+
+    waited_s, cuts : as in `LayerHeat`; order : of its tracks
+    trial : the part after it, and its readings, where they are known already
+    """
+
+    waited_s: float = 0.0
+    cuts: int = 0
+    order: str = "nearest"
+    trial: tuple[PartTemperature, PredictedReadings] | None = None
 
 
 class HeatPlanner:
@@ -72,8 +88,7 @@ class HeatPlanner:
                          heat.diffusivity_mm2_s)
         self._temperature = PartTemperature(
             grid, heat.plate, recipe.layer_height_mm, float(heat.diffusivity_mm2_s.max()))
-        self._trial: tuple[PartTemperature, PredictedReadings] | None = None
-        self._waited_s, self._cuts = 0.0, 0
+        self._choice = HeatChoice()
         self.layers: list[LayerHeat] = []
         self.readings: PredictedReadings | None = None
 
@@ -85,7 +100,27 @@ class HeatPlanner:
     def begin_layer(self) -> None:
         """From here on lines are those of the next layer that has beads."""
         self._temperature.begin_layer()
-        self._waited_s, self._cuts = 0.0, 0
+        self.begin_attempt("nearest")
+
+    def begin_attempt(self, order: str) -> None:
+        """From here on waits are those of its tracks in another order (`LayerHeat.order`)."""
+        self._choice = HeatChoice(order=order)
+
+    def surface_C(self, place_mm: FloatArray) -> FloatArray:
+        """Temperatures that the layer begun finds at places (r, 2), program coordinates; NaN beside
+        what there is."""
+        now = self._temperature.copy()
+        return now.advance(now.time_s + _MOMENT_S, NO_LINES, np.full(len(place_mm), now.time_s),
+                           place_mm)
+
+    @property
+    def choice(self) -> HeatChoice:
+        """What was chosen for the layer so far; set it to go back to another attempt."""
+        return self._choice
+
+    @choice.setter
+    def choice(self, choice: HeatChoice) -> None:
+        self._choice = choice
 
     def choose_waits(
         self, layer: int, moves: Moves, start_mm: FloatArray, durations_s: FloatArray,
@@ -101,12 +136,12 @@ class HeatPlanner:
         trial = self._temperature.copy()
         readings = _read_layer(trial, lines, float(durations_s.sum()), self._recipe.bead_mm)
         if np.nanmax(readings.found_C, initial=-np.inf) <= self._limit_C + self.tolerance_K:
-            self._trial = trial, readings
+            self._choice = replace(self._choice, trial=(trial, readings))
             return waits
-        self._trial = None
         waits = self._block_waits(layer, lines, first, along_mm)
-        self._waited_s += waits.total_s
-        self._cuts += len(waits.cut_s)
+        self._choice = replace(
+            self._choice, trial=None, waited_s=self._choice.waited_s + waits.total_s,
+            cuts=self._choice.cuts + len(waits.cut_s))
         return waits
 
     def add_layer(
@@ -118,13 +153,13 @@ class HeatPlanner:
             self._temperature.advance(
                 self._temperature.time_s + float(durations_s.sum()), NO_LINES, *_NOTHING)
             return
-        if self._trial is not None:
-            self._temperature, readings = self._trial
+        if self._choice.trial is not None:
+            self._temperature, readings = self._choice.trial
         else:
             lines, _, _ = self._bead_lines(moves, start_mm, durations_s)
             readings = _read_layer(
                 self._temperature, lines, float(durations_s.sum()), self._recipe.bead_mm)
-        self._trial, self.readings = None, readings
+        self.readings = readings
         self._record(layer, readings, power_factor)
 
     def _block_waits(
@@ -239,8 +274,8 @@ class HeatPlanner:
         reached_C = float(readings.found_C[hottest]) if known else self._heat.plate.at_C
         self.layers.append(LayerHeat(
             layer=layer, interpass_C=round(reached_C, 1), x_mm=round(x, 2), y_mm=round(y, 2),
-            wait_s=round(self._waited_s, 2), cuts=self._cuts,
-            power_factor=round(power_factor, 4)))
+            wait_s=round(self._choice.waited_s, 2), cuts=self._choice.cuts,
+            power_factor=round(power_factor, 4), order=self._choice.order))
 
 
 _NOTHING = (np.empty(0), np.empty((0, 2)))

@@ -46,11 +46,12 @@ def heat_totals(heat: HeatPlanner | None) -> dict[str, Any]:
         "wait_s": round(sum(layer.wait_s for layer in heat.layers), 2),
         "layers_with_waits": sum(layer.wait_s > 0 for layer in heat.layers),
         "cuts": sum(layer.cuts for layer in heat.layers),
+        "layers_reordered": sum(layer.order != "nearest" for layer in heat.layers),
         "layers_above_limit": len(_above(heat)),
         "by_layer": [
             {"layer": one.layer + 1, "interpass_C": one.interpass_C,
              "at_mm": [one.x_mm, one.y_mm], "wait_s": one.wait_s, "cuts": one.cuts,
-             "power_factor": one.power_factor} for one in heat.layers],
+             "power_factor": one.power_factor, "order": one.order} for one in heat.layers],
     }}
 
 
@@ -69,6 +70,9 @@ def heat_findings(
     cuts = sum(layer.cuts for layer in heat.layers)
     waits = (f"with {wait_s:.0f} s of waits in {waiting} layers, and paths interrupted for them in "
              f"{cuts} places" if waiting else "without waits for heat")
+    reordered = sum(layer.order != "nearest" for layer in heat.layers)
+    if reordered:
+        waits += f"; tracks of {reordered} layers are in an order that heat asked for"
     if not above:
         return [report_finding(
             True, f"interpass temperature predicted at most {hottest.interpass_C:.0f} °C, in layer "

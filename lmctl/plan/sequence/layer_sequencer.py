@@ -25,6 +25,7 @@ from lmctl.plan.recipe import Recipe
 from lmctl.plan.sequence.bead_pieces import bead_pieces, designed_at_line_ends
 from lmctl.plan.sequence.beads import Beads, make_beads
 from lmctl.plan.sequence.draping import LayerDrape
+from lmctl.plan.sequence.heat_order import OrderAttempt, Rearrangement, quickest_attempt
 from lmctl.plan.sequence.interrupted_beads import waits_of_pieces
 from lmctl.plan.sequence.layer_motion import LayerMotion, LayerSite
 from lmctl.plan.sequence.layer_waits import LayerWaits, first_bead_s
@@ -125,23 +126,19 @@ class LayerSequencer:
             cut = cut_tracks(geometry, self._recipe)
             geometry = cut.geometry
             self.statistics.add_cuts(cut.cuts, cut.too_short)
-        tracks = order_tracks(
-            geometry, number, self._state.at_mm[:2] - placement.offset_mm[:2], self._state.mixture,
-            self._process.fraction_step, self._change_s, self._process.seam)
-        if self._dilution is not None:
-            tracks = fed_beside_beads(tracks, self._recipe)
+        tracks = self._ordered(geometry, number, placement)
         drape = self._drape(number, placement)
         site = LayerSite(number, placement, drape, (
             self._state.at_mm[2] + self._motion.clearance_mm if clears_all else None))
         wait_s = None
         if self._watch is not None and tracks.n_tracks:
             tracks, wait_s = self._under_alloy_rules(site, tracks, self._watch, is_last=is_last)
-        beads, wait_s, heat_wait_s = self._with_heat_waits(
-            index, site, self._beads(number, tracks, drape), wait_s, is_last=is_last)
+        chosen = self._with_heat_waits(index, site, geometry, tracks, wait_s, is_last=is_last)
+        tracks, beads = chosen.tracks, chosen.beads
         self.statistics.add_beads(number, geometry, beads)
         nozzle_mm = placement.nozzle_height_mm(number) if drape is None else drape.highest_mm()
         moves, durations = self._motion.timed_moves(
-            site, self._state, beads, wait_s, heat_wait_s, is_last=is_last)
+            site, self._state, beads, chosen.wait_s, chosen.heat_wait_s, is_last=is_last)
         state = self._state
         if self._heat is not None:
             self._heat.add_layer(index, moves, state.at_mm, durations,
@@ -168,21 +165,49 @@ class LayerSequencer:
             first_bead_s=state.first_bead_s if beads is None else first_bead_s(moves, end_s))
         return layer
 
+    def _ordered(
+        self, geometry: LayerGeometry, number: int, placement: Placement,
+        rearranged: Rearrangement | None = None,
+    ) -> OrderedTracks:
+        """The layer's tracks in order of deposition."""
+        tracks = order_tracks(
+            geometry, number, self._state.at_mm[:2] - placement.offset_mm[:2], self._state.mixture,
+            self._process.fraction_step, self._change_s, self._process.seam, rearranged)
+        return tracks if self._dilution is None else fed_beside_beads(tracks, self._recipe)
+
     def _with_heat_waits(
-        self, index: int, site: LayerSite, beads: Beads | None, wait_s: FloatArray | None, *,
+        self, index: int, site: LayerSite, geometry: LayerGeometry, tracks: OrderedTracks,
+        wait_s: FloatArray | None, *, is_last: bool,
+    ) -> OrderAttempt:
+        """Tracks in the order that takes least time, their beads, and the times before them."""
+        heat = self._heat
+        if heat is not None and tracks.n_tracks:
+            heat.begin_layer()
+        first = self._attempt(index, site, tracks, wait_s, is_last=is_last)
+        if heat is None or self._watch is not None or first.beads is None:
+            return first
+        return quickest_attempt(
+            heat, geometry, site.placement.offset_mm, first,
+            lambda rearranged: self._ordered(geometry, site.number, site.placement, rearranged),
+            lambda other: self._attempt(index, site, other, None, is_last=is_last))
+
+    def _attempt(
+        self, index: int, site: LayerSite, tracks: OrderedTracks, wait_s: FloatArray | None, *,
         is_last: bool,
-    ) -> tuple[Beads | None, FloatArray | None, FloatArray | None]:
-        """The beads, interrupted where heat needs it; for each of them the time beside what powder
-        needs, and the wait for heat or for the layer's least time."""
-        if beads is None:
-            return None, wait_s, None
-        state, whole = self._state, beads
+    ) -> OrderAttempt:
+        """The beads of tracks in one order, interrupted where heat needs it."""
+        state, whole = self._state, self._beads(site.number, tracks, site.drape)
+        if whole is None:
+            return OrderAttempt(tracks, None, wait_s, None, 0.0)
         beads, heat_wait_s = self._waits.choose(
-            index, beads,
+            index, whole,
             lambda pieces: self._motion.moves(
                 site, state, pieces, waits_of_pieces(wait_s, whole, pieces), is_last=is_last),
             state.at_mm, None if state.first_bead_s is None else state.time_s - state.first_bead_s)
-        return beads, waits_of_pieces(wait_s, whole, beads), heat_wait_s
+        wait_s = waits_of_pieces(wait_s, whole, beads)
+        lasting_s = 0.0 if self._heat is None else float(self._motion.timed_moves(
+            site, state, beads, wait_s, heat_wait_s, is_last=is_last)[1].sum())
+        return OrderAttempt(tracks, beads, wait_s, heat_wait_s, lasting_s)
 
     def _compensated(self, geometry: LayerGeometry, number: int) -> LayerGeometry:
         """The layer with the mixtures to feed, which make up for dilution where it is known."""

@@ -57,7 +57,6 @@ class LayerWaits:
                            - first_bead_s(moves, ends_s))
         if self.heat is None:
             return beads, waits
-        self.heat.begin_layer()
         for _ in range(_ROUNDS):
             moves = with_waits(moves, start_mm, self.motion, waits, self.purge)
             chosen = self.heat.choose_waits(

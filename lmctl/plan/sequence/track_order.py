@@ -70,6 +70,7 @@ TRACK_GAP_MM = 1.0
 def order_tracks(
     geometry: LayerGeometry, turn: int, at_mm: FloatArray, last: FloatArray | None, step: float,
     change_s: Callable[[FloatArray, FloatArray], float], seam: Seam = "spread",
+    rearranged: Callable[[IndexArray], IndexArray] | None = None,
 ) -> OrderedTracks:
     """The tracks of a layer in order of deposition.
 
@@ -78,6 +79,7 @@ def order_tracks(
     last : (materials,) mixture at the end of the layer before, None in the first
     step : mixtures within it count as equal
     change_s : time a change from one mixture to another takes; decides the first sweep's direction
+    rearranged : another order of tracks of equal mixture than nearest first
     """
     if geometry.n_tracks == 0:
         return _in_order(geometry, np.empty(0, np.intp), np.zeros(1, np.intp))
@@ -92,6 +94,10 @@ def order_tracks(
     centre = _centres_mm(geometry)
     sequence = np.argsort(group, kind="stable")
     bounds = np.searchsorted(group[sequence], np.arange(len(values) + 1))
+    if rearranged is not None:
+        sequence = np.concatenate([
+            rearranged(sequence[a:b]) for a, b in pairwise(bounds.tolist())])
+        bounds = np.arange(len(sequence) + 1)
     preferred = _seam_vertices(geometry, centre, turn, seam)
     directed = geometry.is_directed
     if directed is None:
