@@ -59,7 +59,8 @@ export class Curves {
     const options = {
       width: Math.max(200, this.boxes[box].clientWidth), height: 150, cursor: { drag: { x: false, y: false } },
       scales: { x: { time: false }, ...scales }, legend: { live: true, markers: { width: 3, fill: "transparent", stroke: (u, i) => u.series[i].stroke(u, i), dash: (u, i) => LINES[(u.series[i].dash ?? []).length ? u.series[i].dash[0] : 0] } },
-      axes: [{ size: 28, values: (_, ticks) => ticks.map((t) => `${t} s`) }, { size: 44 }, ...axes],
+      axes: [{ size: 28, values: (_, ticks) => ticks.map((t) => `${t} s`) },
+        { size: 48, values: (_, ticks) => ticks.map(String) }, ...axes],
       series: [{ label: "machine time", value: number(1) }, ...series.map((one) => ({ spanGaps: false, points: { show: false }, ...one }))],
     };
     const plot = new uPlot(options, [[], ...series.map(() => [])], this.boxes[box]);
