@@ -1,5 +1,6 @@
 """From motion and powder whose truth is known to the voxel map and its file."""
 
+import zipfile
 from dataclasses import replace
 
 import numpy as np
@@ -141,6 +142,8 @@ def test_the_file_holds_the_map(tmp_path):
         assert file["deposited_mm3"].shape == (3, *file["height_mm"].shape,
                                                file["deposited_mm3"].shape[3])
     assert [path.name for path in tmp_path.iterdir()] == ["map.npz"]
+    with zipfile.ZipFile(tmp_path / "map.npz") as archive:  # no time of day in it
+        assert {entry.date_time for entry in archive.infolist()} == {(1980, 1, 1, 0, 0, 0)}
 
 
 def test_width_and_dilution_follow_power_and_speed():
