@@ -8,7 +8,7 @@ and within long paths; a path is interrupted only where it has to wait.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 from typing import NoReturn
 
@@ -25,6 +25,7 @@ from lmctl.plan.heat.cooling import (
     wait_for_limit_s,
 )
 from lmctl.plan.heat.heat_blocks import MIN_PIECE_BEADS, block_starts, middle_of_block
+from lmctl.plan.heat.heat_choice import HeatChoice, PredictedReadings
 from lmctl.plan.heat.heat_grid import heat_grid
 from lmctl.plan.heat.heat_steps import NO_LINES, BeadLines
 from lmctl.plan.heat.part_temperature import PartTemperature
@@ -40,33 +41,6 @@ _TOLERANCE = 0.02
 _MOMENT_S = 1e-3
 #: A wait is corrected so often, since a longer wait changes a little what the pass itself adds.
 _ROUNDS = 4
-
-
-@dataclass(frozen=True)
-class PredictedReadings:
-    """Temperatures that the beam is predicted to come back to in one layer; r places.
-
-    place_mm : (r, 2) program coordinates; at_s : (r,) seconds from the layer's start, waits
-    included; found_C : (r,)
-    """
-
-    place_mm: FloatArray
-    at_s: FloatArray
-    found_C: FloatArray
-
-
-@dataclass(frozen=True)
-class HeatChoice:
-    """What is chosen for a layer.
-
-    waited_s, cuts : as in `LayerHeat`; order : of its tracks
-    trial : the part after it, and its readings, where they are known already
-    """
-
-    waited_s: float = 0.0
-    cuts: int = 0
-    order: str = "nearest"
-    trial: tuple[PartTemperature, PredictedReadings] | None = None
 
 
 class HeatPlanner:

@@ -40,7 +40,7 @@ class OrderAttempt:
     beads : interrupted where heat needs it; None without tracks
     wait_s : (m,) time before each bead beside what powder needs; heat_wait_s : (m,) the wait for
         heat, or for the layer's least time; None where there is none
-    lasting_s : of the whole layer; 0 where no temperature is limited
+    lasting_s : of the whole layer; 0 where it is not compared with another order's
     """
 
     tracks: OrderedTracks
@@ -61,7 +61,7 @@ def quickest_attempt(
     nearest : the attempt made already, nearest first: without waits, it stays
     """
     best, choice = nearest, heat.choice
-    if choice.waited_s == 0 or geometry.n_tracks < 2:
+    if not choice.is_compared or geometry.n_tracks < 2:
         return best
     found_C = heat.surface_C(geometry.points_mm + offset_mm[:2])
     orders: tuple[HeatOrder, ...] = ("coolest", "apart")

@@ -205,8 +205,10 @@ class LayerSequencer:
                 site, state, pieces, waits_of_pieces(wait_s, whole, pieces), is_last=is_last),
             state.at_mm, None if state.first_bead_s is None else state.time_s - state.first_bead_s)
         wait_s = waits_of_pieces(wait_s, whole, beads)
-        lasting_s = 0.0 if self._heat is None else float(self._motion.timed_moves(
-            site, state, beads, wait_s, heat_wait_s, is_last=is_last)[1].sum())
+        lasting_s = 0.0
+        if self._heat is not None and self._heat.choice.is_compared:
+            lasting_s = float(self._motion.timed_moves(
+                site, state, beads, wait_s, heat_wait_s, is_last=is_last)[1].sum())
         return OrderAttempt(tracks, beads, wait_s, heat_wait_s, lasting_s)
 
     def _compensated(self, geometry: LayerGeometry, number: int) -> LayerGeometry:
