@@ -4,11 +4,12 @@ Parts are planned with strategy "auto" (`mixture_rows/parts.py`), run against th
 time, and judged by the simulators' own record: the share of the designed path that is deposited
 with a mixture within ±0.02 of the part's own at that place (what is not deposited counts as
 wrong), and the share of the deposited volume within ±0.03 (`volume_…`), by the simulated process
-without dilution. The cell's profile is the truth, but for `box_theta`: both dead times 0.5 s
-longer than it says. `time_…` is program time over that of the plan before there were strategies
-(TODAY_S). `dwell_over_ours` is the blade's own job with 30 s of dwell at each change of mixture in
-place of its slow travel; `dwell_uncut_over_ours` a plan in mode "dwell", which neither cuts nor
-slows tracks whose mixture powder cannot follow.
+without dilution; `volume_union_bound…` is what such beads reach there at most, by
+`mixture_rows/bead_bound.py`. The cell's profile is the truth, but for `box_theta`: both dead times
+0.5 s longer than it says. `time_…` is program time over that of the plan before there were
+strategies (TODAY_S). `dwell_over_ours` is the blade's own job with 30 s of dwell at each change of
+mixture in place of its slow travel; `dwell_uncut_over_ours` a plan in mode "dwell", which neither
+cuts nor slows tracks whose mixture powder cannot follow.
 `forbidden` and `detour` are about alloy rules (`mixture_rows/alloy_rows.py`).
 
 `revisit_within` and `interpass_time` are about temperature (`mixture_rows/interpass.py`).
@@ -28,6 +29,7 @@ from typing import Any
 
 from tests.benchmarks.mixture_rows.alloy_rows import detour, forbidden_points
 from tests.benchmarks.mixture_rows.as_built import build, duration_s, dwelling_s
+from tests.benchmarks.mixture_rows.bead_bound import bound_rows
 from tests.benchmarks.mixture_rows.interpass import interpass_time, revisit_within
 from tests.benchmarks.mixture_rows.parts import write_part
 from tests.benchmarks.mixture_rows.standoff import standoff_row
@@ -76,6 +78,8 @@ def _row(name: str, folder: Path) -> dict[str, Any]:
     }
     if as_built.volume_share is not None:
         row[f"volume_{_WITH_VOLUME[name]}"] = round(as_built.volume_share, 4)
+    if name == "fig8_union":
+        row |= bound_rows()
     if name == "blade":
         same_s = dwelling_s(file.with_suffix(".lmj"), _DWELL_S)
         row["dwell_over_ours"] = round(same_s / totals["duration_s"], 2)
