@@ -201,6 +201,9 @@ def test_a_hold_in_the_middle_of_a_measurement_takes_powder_off(run, tall_job, p
     assert one.error is None
     assert one.states.count("purging") == 2
     assert "FEEDING" not in one.found
+    held_s = [r["t"] for r in one.records("state") if r["to"] == "held"][1]
+    last = [r for r in one.records("setpoint") if r["t"] <= held_s][-1]
+    assert last["flow_g_min"] == {"A": 0.0, "B": 0.0}
     assert [r["hopper"] for r in responses(one)] == ["A", "B", "A", "B"]
     one.check_safe()
 
