@@ -126,7 +126,8 @@ def _note_expected(_: Any, kind: Any, error: BaseException | None, trace: Any) -
 @pytest.hookimpl(tryfirst=True)
 def pytest_load_initial_conftests(early_config: pytest.Config) -> None:
     """Before any conftest imports what is to be noted, in the processes that run tests."""
-    if getattr(early_config.known_args_namespace, "numprocesses", None):
+    has_workers = getattr(early_config.known_args_namespace, "numprocesses", None)
+    if has_workers and "PYTEST_XDIST_WORKER" not in os.environ:
         return
     early = sorted(name for name in sys.modules if name.partition(".")[0] in PACKAGES)
     assert not early, f"imported before their messages could be noted: {early}"
