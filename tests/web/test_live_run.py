@@ -110,6 +110,8 @@ def test_a_page_that_is_stalled_flooded_and_killed_touches_no_run(live_page):
         one.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 2048)
         one.sendall(b"GET /api/runs/run-0001/events HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n")
         deaf.append(one)
+    assert os.getpriority(os.PRIO_PROCESS, page.dash.pid) == 10
+    assert os.sched_getscheduler(page.dash.pid) == os.SCHED_BATCH
     codes = {page.get("api/session").status_code for _ in range(200)}
     assert codes <= {200, 429}
     events_of(page.url + "api/runs/run-0001/events", lambda name, data: name == "everything")
