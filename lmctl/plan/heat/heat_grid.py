@@ -14,7 +14,7 @@ import numpy as np
 from lmctl.array_types import FloatArray, IndexArray
 
 #: Most slabs, of the part or of the plate, that are kept in fine cells.
-FINE_SLABS = 5
+FINE_SLABS = 7
 #: Fine slabs that make one coarse one.
 SLABS_PER_COARSE = 2
 #: Cells are as wide as heat spreads in this time, √(a t), and not below a bead [s]: in the material
