@@ -30,10 +30,18 @@ class CellChoice:
     def run_on_cell(self, act: Callable[[MachineProfile], Coroutine[Any, Any, T]]) -> T:
         """Do something with it; a simulated cell lives as long as that. Raises what it raises."""
         if not self.sim:
-            return asyncio.run(act(self.profile))
+            return run_in_real_time(act(self.profile))
         from lmctl.cli.bench import run_on_bench
 
         return run_on_bench(act, self.profile, self.bench)
+
+
+def run_in_real_time(driving: Coroutine[Any, Any, T]) -> T:
+    """Drive a real cell, before other work of this computer. Raises what it raises."""
+    from lmctl.run.real_time_priority import real_time_priority
+
+    with real_time_priority():
+        return asyncio.run(driving)
 
 
 def choose_cell(

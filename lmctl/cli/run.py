@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import asyncio
 import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
+from lmctl.cli.cell import run_in_real_time
 from lmctl.cli.console import format_duration, print_data, print_json, print_message
 from lmctl.cli.number_types import FiniteRange
 from lmctl.cli.operator import operator_name, operator_option
@@ -92,7 +92,7 @@ def _run_on_screen(
 
     with run_screen(job, profile) as on_screen:
         if not sim:
-            return asyncio.run(
+            return run_in_real_time(
                 run_job(job, profile, runs_dir, operator=operator, watcher=on_screen.watcher,
                         notice=on_screen.notice)
             )

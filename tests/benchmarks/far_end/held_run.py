@@ -23,6 +23,7 @@ from lmctl.config.machine import load_profile
 from lmctl.errors import LmctlError
 from lmctl.machine.motion.links import ByteLink
 from lmctl.run.executor import RunExecutor
+from lmctl.run.real_time_priority import real_time_priority
 from simulators import virtual_time
 from simulators.bench import Bench
 from tests.run.conftest import squares, write_job
@@ -58,7 +59,7 @@ async def run_until_stopped(runs_dir: Path) -> None:
     ByteLink.write_realtime = timed
     async with Bench(load_bench(None), ephemeral_ports=True) as cell:
         wired = replace_endpoints(profile, cell.endpoints)
-        with suppress(LmctlError):  # it is stopped
+        with suppress(LmctlError), real_time_priority():  # it is stopped
             await RunExecutor(job, wired, runs_dir, operator="bench").run()
 
 
