@@ -98,7 +98,7 @@ class _SharedScale:
         self.start = np.array([
             *(value for one in beliefs for value in (one.dead_time_s, one.lag_s, one.slope.value)),
             facts.lag_s.value, 0.0])
-        # what is known beforehand: slopes and scale lag
+        # what is known before the measurement: slopes and scale lag
         known = [(_PER_HOSE * k + 2, one.slope) for k, one in enumerate(beliefs)]
         known.append((len(self.start) - 2, facts.lag_s))
         self._known_at = np.array([at for at, _ in known])

@@ -130,7 +130,7 @@ def test_who_says_no_has_recovered_nothing(journal, refused, monkeypatch):
 
 
 def test_a_run_that_its_job_has_ended_is_not_recovered(journal, refused):
-    """Whoever goes on with such a job meets the same again."""
+    """To go on with such a job would fail in the same way again."""
     first, *records = read_records(journal)
     *records, seal = records
     journal.unlink()
