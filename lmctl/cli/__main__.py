@@ -51,6 +51,8 @@ COMMANDS = {
 #: New objects after which Python looks for cycles. Libraries bring more that all stay, and looking
 #: through them every 700 takes a tenth of a short command's time.
 _OBJECTS_A_COLLECTION = 300_000
+#: Exit code after Ctrl-C.
+_INTERRUPTED = 130
 
 
 @click.command(
@@ -78,13 +80,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return request.exit_code
     except click.Abort:
         click.echo("interrupted", err=True)
-        return 130
+        return _INTERRUPTED
     except click.ClickException as error:
         click.echo(_usage_error(error).render(), err=True)
         return UsageError.exit_code
     except KeyboardInterrupt:
         click.echo("interrupted", err=True)
-        return 130
+        return _INTERRUPTED
     except BrokenPipeError:
         # The reader of our output went away (`lmctl log … | head`): that is no failure of ours,
         # but Python would complain once more while closing standard output.
@@ -111,7 +113,9 @@ def run() -> None:
     """Entry point of the `lmctl` script; ends the process without taking it to pieces.
 
     Python clears every module as it ends, which for the compiler of the kernels takes longer than
-    planning a small part. Exit handlers of libraries still run, before the one set here.
+    planning a small part. Exit handlers of libraries still run, before the one set here; but not
+    after Ctrl-C: it may have stopped the compiler at any point, and clearing away what is half made
+    has crashed the process.
     """
     code = 1  # also of an exception that comes out of `main`, once its traceback is printed
 
@@ -126,6 +130,8 @@ def run() -> None:
     atexit.register(end_process)
     gc.set_threshold(_OBJECTS_A_COLLECTION)
     code = main()
+    if code == _INTERRUPTED:
+        end_process()
     sys.exit(code)
 
 

@@ -63,6 +63,25 @@ def test_ctrl_c_while_planning_leaves_nothing(part: Path, tmp_path: Path) -> Non
     assert [path.name for path in tmp_path.iterdir()] == ["part.toml"]
 
 
+def test_nothing_is_taken_to_pieces_after_ctrl_c(tmp_path: Path) -> None:
+    """An exit handler of a library that cannot bear what the interrupt left of its work."""
+    program = """
+import atexit, os, signal
+import lmctl.cli.__main__ as lmctl
+
+def interrupted():
+    atexit.register(os.kill, os.getpid(), signal.SIGSEGV)
+    print("as far as it came")
+    return 130
+
+lmctl.main = interrupted
+lmctl.run()
+"""
+    ended = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, text=True,
+                           stdout=subprocess.PIPE)
+    assert (ended.returncode, ended.stdout) == (130, "as far as it came\n")
+
+
 def test_ctrl_c_while_running_stops_in_the_safe_order(tmp_path: Path) -> None:
     write_job(tmp_path / "part.lmj", load_profile(EXAMPLES / "cell.toml"),
               squares(layers=6, per_layer=3, side_mm=12.0))
