@@ -48,6 +48,8 @@ MOST_REPEATED_MM = 0.5
 #: Cells at a time, each of which mostly waits.
 AT_ONCE = 20
 _LONGEST_S = 60.0
+#: Of a controller without homing that reports 0, 0, 0, where it was moving when its host died.
+_POWER_CYCLED = "it says 0, 0, 0, as every controller does that was switched off and on"
 
 
 @dataclass
@@ -122,17 +124,29 @@ def _judge_journal(folder: Path, outcome: Outcome) -> None:
 
 
 def _recover(cell: Path, folder: Path, outcome: Outcome) -> None:
-    runs = folder / "runs"
-    if not (runs / "run-0001" / "journal.jsonl").exists():
+    if not (folder / "runs" / "run-0001" / "journal.jsonl").exists():
         outcome.recovered = "not begun"
         return
     time.sleep(0.1)
-    host = start("lmctl.cli", ["recover", "run-0001", "--machine", cell, "--runs", runs, "--yes",
-                               "--json"], folder, "recover")
+    question = ""
+    code, said = _recovery(cell, folder)
+    if code == 4 and _POWER_CYCLED in " ".join(said.split()):
+        # Killed between the record that the run moves the machine and its first motion: a machine
+        # that still is where it was switched on looks like one that was switched off. Here it was
+        # not, and its operator says so.
+        question = " after a question"
+        code, said = _recovery(cell, folder, "--position-restored")
+    outcome.recovered = f"done{question}" if code == 0 else f"exit {code}"
+    if code != 0:
+        outcome.shortfalls.append(said.strip().splitlines()[-1])
+
+
+def _recovery(cell: Path, folder: Path, *options: str) -> tuple[int | None, str]:
+    """The exit code of `lmctl recover`, and what it said."""
+    host = start("lmctl.cli", ["recover", "run-0001", "--machine", cell, "--runs", folder / "runs",
+                               "--yes", "--json", *options], folder, "recover")
     host.join(_LONGEST_S)
-    outcome.recovered = "done" if host.exitcode == 0 else f"exit {host.exitcode}"
-    if host.exitcode != 0:
-        outcome.shortfalls.append((folder / "recover.err").read_text().strip().splitlines()[-1])
+    return host.exitcode, (folder / "recover.err").read_text()
 
 
 def _first_line(path: Path) -> str:
@@ -155,7 +169,7 @@ def _judge_record(job: Path, record: dict, folder: Path, outcome: Outcome) -> No
     length = np.linalg.norm(np.diff(ends, axis=0, prepend=ends[:1]), axis=1)
     beads = np.flatnonzero(lines["kind"] == LineKind.BEAD)
     short = outcome.shortfalls
-    if outcome.recovered == "done" or outcome.state == "done":
+    if outcome.recovered.startswith("done") or outcome.state == "done":
         missing = [n for n in beads.tolist() if drawn.get(n, 0.0) < length[n] - 0.05]
         if missing:
             short.append(f"lines {missing[:5]} are missing")
