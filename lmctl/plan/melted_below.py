@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lmctl.array_types import FloatArray, IndexArray
+from lmctl.array_types import BoolArray, FloatArray, IndexArray
 
 
 @dataclass(frozen=True)
@@ -16,18 +16,26 @@ class MeltedBelow:
     designed : (n, materials + 1) float64, the part's composition, 0 of a foreign substrate
     below : (n, materials + 1) float64, what is melted
     share : (n,) float64, δ
+    designed_across : (n, places, materials) float64, the part's composition across the bead, from
+        its right edge to its left; None where that is not known
     """
 
     designed: FloatArray
     below: FloatArray
     share: FloatArray
+    designed_across: FloatArray | None = None
 
-    def at_vertices(self, index: IndexArray) -> MeltedBelow:
-        """The same of other vertices, by their numbers."""
-        return MeltedBelow(self.designed[index], self.below[index], self.share[index])
+    def at_vertices(self, index: IndexArray, turned: BoolArray | None = None) -> MeltedBelow:
+        """The same of other vertices, by their numbers (k,). turned : (k,) whose tracks are
+        deposited from their last vertex to their first"""
+        across = None if self.designed_across is None else self.designed_across[index]
+        if across is not None and turned is not None:
+            across[turned] = across[turned, ::-1]
+        return MeltedBelow(self.designed[index], self.below[index], self.share[index], across)
 
     def at_lengths(self, along_mm: FloatArray, at_mm: FloatArray) -> MeltedBelow:
-        """The same at places (q,) of lengths `along_mm` (n,) of the vertices, linear in between."""
+        """The same at places (q,) of lengths `along_mm` (n,) of the vertices, linear in between,
+        without what it is across."""
         def at(columns: FloatArray) -> FloatArray:
             return np.column_stack([np.interp(at_mm, along_mm, one) for one in columns.T])
 

@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     from lmctl.part.materials.powders import MaterialSpec
     from lmctl.part.part import Part
 
-#: Speed differs from the recipe's by at most this factor, up or down, to follow the strip width;
-#: a strip beyond it is deposited too low or too high, which the built fraction reports.
-MAX_SPEED_CHANGE_FACTOR = 1.5
+#: To follow the strip width speed is lower or higher than the recipe's by at most these factors; a
+#: strip beyond them is deposited too low or too high, which the built fraction reports.
+MOST_SLOWER_FACTOR, MOST_FASTER_FACTOR = 1.5, 2.0
 #: Mixtures at a hopper's least flow are found in so many turns where the catch depends on them.
 _CATCH_ROUNDS = 25
 #: A flow below this is none [g/s].
@@ -87,8 +87,8 @@ class Recipe:
 
     def strip_speed_factor(self, strip_width_mm: FloatArray) -> FloatArray:
         """Factor on the speed for a strip: nominal pitch over its width, within limits."""
-        return np.clip(self.pitch_mm / strip_width_mm, 1 / MAX_SPEED_CHANGE_FACTOR,
-                       MAX_SPEED_CHANGE_FACTOR)
+        return np.clip(
+            self.pitch_mm / strip_width_mm, 1 / MOST_SLOWER_FACTOR, MOST_FASTER_FACTOR)
 
     def flow_g_s(self, fractions: FloatArray, speed_factor: FloatArray | float = 1.0) -> FloatArray:
         """Flow of each hopper for mixtures (..., m) deposited at `speed_factor` times the recipe's

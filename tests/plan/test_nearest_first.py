@@ -17,7 +17,7 @@ def layer(tracks):
         n_tracks=len(tracks), points_mm=np.vstack(tracks), starts=starts,
         strip_width_mm=np.ones(starts[-1]), fractions=np.full((starts[-1], 2), 0.5),
         is_closed=np.array([(t[0] == t[-1]).all() for t in tracks]), is_directed=None,
-        melted=None, designed=None, copy=None)
+        melted=None, designed=None, copy=None, rounds=None)
 
 
 def entries(track, is_closed):

@@ -1,10 +1,11 @@
 """The layers of a part with the mixtures to feed, which make up for what they melt.
 
-That is taken to be what the layer below was deposited as; `beside_beads` mends it once the order of
-beads is known. Where that layer was fed what it should be it is the part's own composition there, a
-function of place alone, which the geometry stage gives. Elsewhere the deviation is carried from
-layer to layer (`laid_deviation`); it fades as δ, δ², δ³. Under the first layer is the substrate. So
-text and geometry of a layer still depend on nothing but it.
+That is taken to be what the layer below was deposited as, under the middle of the bead;
+`fitted_mixtures` looks at all of the bead once the order of beads is known. Where that layer was
+fed what it should be it is the part's own composition there, a function of place alone, which the
+geometry stage gives. Elsewhere the deviation is carried from layer to layer (`laid_deviation`); it
+fades as δ, δ², δ³. Under the first layer is the substrate. So text and geometry of a layer still
+depend on nothing but it.
 
 Deposits are counted in the part's materials and one more: a substrate of none of them.
 """
@@ -23,6 +24,7 @@ from lmctl.plan.dilution.laid_deviation import LaidDeviation
 from lmctl.plan.geometry.layer_geometry import LayerGeometry
 from lmctl.plan.melted_below import MeltedBelow
 from lmctl.plan.recipe import Recipe
+from lmctl.plan.substrate_mixture import substrate_mixture
 
 if TYPE_CHECKING:
     from lmctl.config.machine import MachineProfile
@@ -78,7 +80,7 @@ class DilutionCompensation:
         for _ in range(_ROUNDS):
             along = self._law.along(fed, self._energy_J_mm(fed, geometry.strip_width_mm))
             fed = mixture_to_feed(designed, below, along.share)
-        melted = MeltedBelow(designed, below, along.share)
+        melted = MeltedBelow(designed, below, along.share, geometry.fractions_across)
         deviation = melted.laid(fed) - designed
         self._deviation = LaidDeviation.of_layer(number, geometry.points_mm, deviation)
         return CompensatedLayer(replace(geometry, fractions=fed, melted=melted), melted, along,
@@ -120,8 +122,4 @@ def compensation_of(
     law = None if part.process.dilution == "ignore" else dilution_law(profile.dilution, names)
     if law is None:
         return None
-    alloy, substrate = part.substrate.material, None
-    if alloy is not None:
-        substrate = np.zeros(len(names) + 1)
-        substrate[names.index(alloy) if alloy in names else -1] = 1.0
-    return DilutionCompensation(law, recipe, substrate)
+    return DilutionCompensation(law, recipe, substrate_mixture(part))

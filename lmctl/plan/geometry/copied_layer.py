@@ -35,6 +35,9 @@ def layer_of_copies(geometry: LayerGeometry, copies: Sequence[PartCopy]) -> Laye
         ),
         figures=replace(figures, lost=(), overhang=()),
         is_directed=None if geometry.is_directed is None else np.tile(geometry.is_directed, n),
+        rounds=None if geometry.rounds is None else np.tile(geometry.rounds, n),
+        fractions_across=None if geometry.fractions_across is None else np.tile(
+            geometry.fractions_across, (n, 1, 1)),
         fractions_below=None if geometry.fractions_below is None else np.tile(
             geometry.fractions_below, (n, 1)),
         designed=None if geometry.designed is None else np.tile(geometry.designed, (n, 1)),

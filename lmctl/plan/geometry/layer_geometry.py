@@ -20,6 +20,10 @@ from lmctl.plan.melted_below import MeltedBelow
 LostKind = Literal["layer", "island", "rib", "void", "flat"]
 
 
+#: Places across a bead, from edge to edge, at which the material field is sampled.
+ACROSS = 5
+
+
 @dataclass(frozen=True)
 class LostFeature:
     """A piece of the intended slice that no track covers by at least half.
@@ -133,6 +137,10 @@ class LayerGeometry:
     outline_mm : (k, 2) float64, all closed loops of the intended slice, each with its first point
         repeated last, the inside on the left
     outline_starts : (l + 1,) intp, loop k is outline_mm[outline_starts[k] : outline_starts[k + 1]]
+    rounds : (m,) intp, tracks of round 0 are deposited before those of round 1
+        (`alternate_tracks`); None where there is but one round
+    fractions_across : (n, ACROSS, materials) float64, the material field across the bead at each
+        vertex, from its right edge to its left; None where dilution is not compensated
     fractions_below : (n, materials) float64, the material field one layer lower; None in the
         lowest layer, and where dilution is not compensated
     melted : what beads melt of the layer below; then `fractions` are those to feed. None as
@@ -151,6 +159,8 @@ class LayerGeometry:
     outline_starts: IndexArray
     figures: LayerFigures
     is_directed: NDArray[np.bool_] | None = None
+    rounds: IndexArray | None = None
+    fractions_across: FloatArray | None = None
     fractions_below: FloatArray | None = None
     melted: MeltedBelow | None = None
     copy: IndexArray | None = None

@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 
 from lmctl.array_types import FloatArray
 from lmctl.config.part_file import ProcessSettings, RegionStrategy
+from lmctl.plan.geometry.alternate_tracks import alternate_tracks, lies_on_other_alloy
+from lmctl.plan.geometry.beside_tracks import fractions_across
 from lmctl.plan.geometry.between_layers import flat_pieces
 from lmctl.plan.geometry.deposit import Deposit, deposit_on
 from lmctl.plan.geometry.intended_slice import intended_loops
@@ -28,6 +30,7 @@ from lmctl.plan.geometry.losses import lost_features, lost_slice_features
 from lmctl.plan.geometry.overhang import overhang_places
 from lmctl.plan.geometry.section_raster import SectionRaster
 from lmctl.plan.geometry.strategies import SliceTask, tracks_of_slice
+from lmctl.plan.substrate_mixture import substrate_mixture
 from lmctl.preflight.placement import Placement
 
 if TYPE_CHECKING:
@@ -51,7 +54,14 @@ def layer_geometry(part: Part, placement: Placement, layer: int) -> LayerGeometr
             0.0, 0.0, 0.0, 0.0, 0.0, lost=tuple(flat_pieces(part, placement, layer, loops))))
     task = _slice_task(part, section, loops, number)
     raster, islands = task.raster, task.islands
-    found = tracks_of_slice(task)
+    on_other_alloy = False
+    substrate = substrate_mixture(part) if process.dilution != "ignore" and number == 0 else None
+    if substrate is not None:
+        found = tracks_of_slice(replace(task, links=False))
+        on_other_alloy = any(
+            lies_on_other_alloy(line.table[:, 3:], substrate) for line in found.tracks)
+    if not on_other_alloy:
+        found = tracks_of_slice(task)
     lines = found.tracks
     below = intended_loops(part.section(placement.cut_height_mm(layer - 1)).loops, process) if (
         number > 0) else None
@@ -63,11 +73,18 @@ def layer_geometry(part: Part, placement: Placement, layer: int) -> LayerGeometr
     if flat:
         figures = replace(figures, lost=(*figures.lost, *flat))
     made = _geometry(number, z_mm, lines, len(part.materials), loops, figures)
+    if on_other_alloy:
+        made = alternate_tracks(made, process.bead_width_mm, task.pitch_mm)
     if part.layer_stack is not None and made.n_tracks:
         made = _with_thickness(made, part.layer_stack)
     if part.alloy_rules is not None:
         made = _under_alloy_rules(part, made)
-    if process.dilution == "ignore" or number == 0 or not lines:
+    if process.dilution == "ignore" or not lines:
+        return made
+    if part.alloy_rules is None:
+        made = replace(made, fractions_across=fractions_across(
+            made, process.bead_width_mm, part.composition))
+    if number == 0:
         return made
     points = made.points_mm
     below_mm = np.full(len(points), placement.cut_height_mm(layer - 1))

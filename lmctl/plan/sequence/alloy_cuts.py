@@ -152,14 +152,16 @@ def _cut_between(geometry: LayerGeometry, cuts: IndexArray) -> LayerGeometry:
     tracks = np.array([number for number, *_ in parts], dtype=np.intp)
     is_cut = np.array([max(begin, end) >= 0 for _, _, begin, end in parts], dtype=np.bool_)
     directed, designed = geometry.is_directed, geometry.designed
-    below = geometry.fractions_below
+    below, across = geometry.fractions_below, geometry.fractions_across
     return replace(
         geometry, points_mm=points, strip_width_mm=geometry.strip_width_mm[vertex],
         fractions=geometry.fractions[vertex],
         starts=starts, is_closed=geometry.is_closed[tracks] & ~is_cut,
         island=geometry.island[tracks],
         copy=None if geometry.copy is None else geometry.copy[tracks],
+        rounds=None if geometry.rounds is None else geometry.rounds[tracks],
         is_directed=None if directed is None else directed[tracks],
         designed=None if designed is None else designed[vertex],
-        fractions_below=None if below is None else below[vertex])
+        fractions_below=None if below is None else below[vertex],
+        fractions_across=None if across is None else across[vertex])
 

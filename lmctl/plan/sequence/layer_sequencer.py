@@ -17,7 +17,8 @@ from lmctl.config.machine import MachineProfile
 from lmctl.config.part_file import ProcessSettings
 from lmctl.part.substrate import LayerStack
 from lmctl.plan.dilution import DilutionCompensation, DilutionStatistics
-from lmctl.plan.dilution.beside_beads import fed_beside_beads
+from lmctl.plan.dilution.fitted_mixtures import fitted_mixtures, laid_columns
+from lmctl.plan.dilution.poured_columns import LaidColumns
 from lmctl.plan.geometry import LayerGeometry
 from lmctl.plan.plan_statistics import PlanStatistics
 from lmctl.plan.program_text.layer_text import LayerLines
@@ -68,6 +69,7 @@ class LayerSequencer:
         mixtures: LaidMixtures | None = None, heat: HeatPlanner | None = None,
     ) -> None:
         self._dilution = dilution
+        self._laid: LaidColumns | None = None
         self._stack = stack
         self._process = process
         self._profile = profile
@@ -150,6 +152,8 @@ class LayerSequencer:
             index, geometry.z_mm, tracks, moves, state.at_mm, state.time_s, end_s,
             placement.offset_mm)
         self._add_predictions(self._predictor.add_layer(pieces, flow))
+        if beads is not None and not is_last:
+            self._laid = laid_columns(beads, tracks, self._recipe, self._laid)
         if is_last:
             self.finish()
         layer = LayerLines(
@@ -173,7 +177,8 @@ class LayerSequencer:
         tracks = order_tracks(
             geometry, number, self._state.at_mm[:2] - placement.offset_mm[:2], self._state.mixture,
             self._process.fraction_step, self._change_s, self._process.seam, rearranged)
-        return tracks if self._dilution is None else fed_beside_beads(tracks, self._recipe)
+        return tracks if self._dilution is None else fitted_mixtures(
+            tracks, self._recipe, self._laid)
 
     def _with_heat_waits(
         self, index: int, site: LayerSite, geometry: LayerGeometry, tracks: OrderedTracks,

@@ -98,6 +98,7 @@ def _cut_at(geometry: LayerGeometry, at: IntArray) -> LayerGeometry:
         is_closed=np.array(closed, dtype=np.bool_), island=geometry.island[tracks],
         is_directed=None if directed is None else directed[tracks],
         copy=None if geometry.copy is None else geometry.copy[tracks],
+        rounds=None if geometry.rounds is None else geometry.rounds[tracks],
         designed=None if geometry.designed is None else geometry.designed[vertex])
 
 

@@ -1,7 +1,8 @@
 """Choose the order, start point and direction in which the tracks of a layer are deposited.
 
 Tracks are sorted by composition, in one sweep from one end of the layer's range to the other. The
-next layer sweeps back, so the mixture changes as little as possible. Tracks of equal mixture are
+next layer sweeps back, so the mixture changes as little as possible. Where every other track comes
+first (`geometry.alternate_tracks`), those between are swept back. Tracks of equal mixture are
 sorted by nearness. The start of a closed track (its seam) follows `process.seam`; where the
 mixture varies along the track, it is near to what the nozzle already delivers. The direction
 alternates from layer to layer.
@@ -91,9 +92,13 @@ def order_tracks(
     group_means = np.stack([np.bincount(group, column) / size for column in means.T], axis=1)
     if _sweeps_down(group_means, last, change_s):
         group = len(values) - 1 - group
+    groups = len(values)
+    if geometry.rounds is not None:  # every other round sweeps back
+        group = np.where(geometry.rounds % 2, groups - 1 - group, group) + groups * geometry.rounds
+        groups *= int(geometry.rounds.max()) + 1
     centre = _centres_mm(geometry)
     sequence = np.argsort(group, kind="stable")
-    bounds = np.searchsorted(group[sequence], np.arange(len(values) + 1))
+    bounds = np.searchsorted(group[sequence], np.arange(groups + 1))
     if rearranged is not None:
         sequence = np.concatenate([
             rearranged(sequence[a:b]) for a, b in pairwise(bounds.tolist())])
@@ -181,8 +186,12 @@ def _in_order(
 ) -> OrderedTracks:
     """The tracks that these vertices (n,) make up; starts : (m + 1,) of each among them."""
     points = geometry.points_mm[vertices]
+    rising = np.sign(np.diff(vertices, append=0))
+    rising[starts[1:] - 1] = 0
+    turned = np.repeat(np.add.reduceat(rising, starts[:-1]) < 0, np.diff(starts)) if (
+        len(vertices)) else np.zeros(0, np.bool_)
     return OrderedTracks(
         points, geometry.strip_width_mm[vertices], geometry.fractions[vertices], starts,
         arc_lengths_mm(points, starts, TRACK_GAP_MM),
-        None if geometry.melted is None else geometry.melted.at_vertices(vertices),
+        None if geometry.melted is None else geometry.melted.at_vertices(vertices, turned),
         None if geometry.designed is None else geometry.designed[vertices])

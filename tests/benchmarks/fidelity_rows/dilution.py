@@ -3,8 +3,10 @@
 The shipped cell and bench with a table [process] whose dilution is 20 % ± 5, drawn for each seed,
 on a plate of 316L. `lmctl machine dilution-test` lays its tracks over the wires, and the bench's
 own operator analyses them. The parts state their plate's alloy and are planned with the calibration
-that it wrote. Voxels of 0.25 mm are compared by `lmctl report --as-built`; rows ending in _checked
-are the same by the few lines of arithmetic of the group `as_built`.
+that it wrote; the box with strategy "auto", which lays tracks of one mixture each, and as
+box_offset with tracks along its outline, along which its mixture changes. Voxels of 0.25 mm are
+compared by `lmctl report --as-built`; rows ending in _checked are the same by the few lines of
+arithmetic of the group `as_built`.
 
 Rows: within_0.03_volume_compensated_* of gear, ring, box and blend, medians over the seeds, and
 _worst of them; dilution_error_points, the greatest error of a measured dilution, in points of per
@@ -37,8 +39,9 @@ from tests.benchmarks.fidelity_rows.as_built import (
 from tests.benchmarks.fidelity_rows.hidden_cell import SHIPPED, lmctl, write_cell
 
 SEEDS = 5
-PARTS = ("gear", "ring", "box", "blend", "block")
+PARTS = ("gear", "ring", "box", "box_offset", "blend", "block")
 SUBSTRATE = '\n[substrate]\nmaterial = "316L"\n'
+AUTO = '\n[process]\nstrategy = "auto"\n'
 
 
 def rows(seeds: int = SEEDS, names: tuple[str, ...] = PARTS) -> dict[str, float]:
@@ -106,9 +109,10 @@ def _measured(cell: Path, folder: Path, hidden: float, more: str = "") -> list[f
 
 def _compensated(part: str, cell: Path, folder: Path, hidden: float) -> tuple[dict, dict]:
     """A part planned with what was measured, and run with what is true."""
-    job = planned_case(part, folder, cell, SUBSTRATE)
+    case = part.removesuffix("_offset")
+    job = planned_case(case, folder, cell, SUBSTRATE + AUTO * (part == "box"))
     run = run_case(folder, job, hidden, cell)
-    return summary_of(folder, run), checked_against_map(part, run)
+    return summary_of(folder, run), checked_against_map(case, run)
 
 
 def _volumes(part: str, summary: dict) -> dict[str, float]:

@@ -7,10 +7,12 @@ from lmctl.plan.geometry.strategies.slice_task import SliceTask, StrategyTracks
 
 
 def offset_tracks(task: SliceTask) -> StrategyTracks:
-    """Tracks parallel to the outline of the task, neighbours of equal mixture linked."""
+    """Tracks parallel to the outline of the task, neighbours of equal mixture linked where the task
+    has it so."""
     rules = task.link_rules()
     layout = task.outline.offset_layout(
         task.bead_mm, rules, task.least_width_mm, is_odd_layer=task.is_odd_layer)
     lines = task.mixtures_along(layout.tracks)
-    return StrategyTracks(linked_tracks(lines, task.raster, rules, layout.places),
-                          layout.narrow_mm2)
+    if task.links:
+        lines = linked_tracks(lines, task.raster, rules, layout.places)
+    return StrategyTracks(lines, layout.narrow_mm2)

@@ -39,6 +39,7 @@ class SliceTask:
     layer : number, counted from the lowest one that meets the part
     fractions_at : the part's material field in this plane
     bodies : (outline, strategy) of bodies that have one of their own; of several the first
+    links : whether neighbouring tracks may be linked
     """
 
     section: PartSection
@@ -47,6 +48,7 @@ class SliceTask:
     layer: int
     fractions_at: MixtureAt
     bodies: tuple[tuple[list[FloatArray], RegionStrategy], ...] = ()
+    links: bool = True
 
     @property
     def bead_mm(self) -> float:
