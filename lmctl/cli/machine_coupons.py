@@ -24,9 +24,6 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
-#: Dilution is measured at these multiples of a powder's own speed, so of its energy per length.
-_SPEED_FACTORS = (0.75, 1.0, 1.5)
-
 #: An answer that cannot be right is asked for again so often.
 _ASKED_AGAIN = 2
 
@@ -273,15 +270,18 @@ async def _diluted(
     from lmctl.calibration.estimate import Estimate
     from lmctl.cli.coupon_runs import lay_coupon
     from lmctl.machine.measuring.calibration_entry import conditions_of
+    from lmctl.plan.recipe import MOST_FASTER_FACTOR, MOST_SLOWER_FACTOR
 
+    # multiples of the powder's own speed, so of its energy per length: as far as plans change it
+    speed_factors = (1 / MOST_SLOWER_FACTOR, 1.0, MOST_FASTER_FACTOR)
     library = find_material(material)
     assert library is not None  # looked for before
     laid_with = _measured_profile(profile, target)
     found = []
-    for number, factor in zip(itertools.count(1), _SPEED_FACTORS, strict=False):
+    for number, factor in zip(itertools.count(1), speed_factors, strict=False):
         coupon = dilution_coupon(material, round(library.speed_mm_s * factor, 3))
         laid = await lay_coupon(coupon, laid_with, runs_dir, who)
-        request = (f"track {number} of {len(_SPEED_FACTORS)}, {laid.energy_J_mm:.0f} J/mm: cut or "
+        request = (f"track {number} of {len(speed_factors)}, {laid.energy_J_mm:.0f} J/mm: cut or "
                    "analyse it; share of the plate in the bead, as 18.3 %")
 
         async def analysed(request: str = request) -> float:

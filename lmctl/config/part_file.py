@@ -131,6 +131,10 @@ class ProcessSettings(DepositionHeatSettings):
         planned volume; beyond, powder is changed as far as brings it back to there. 0: to its plan
     dilution : whether powder is fed so that the bead has the part's mixture after the pool has
         melted some of the layer below into it, where the machine's dilution is known
+    first_layer_order : on a substrate of another alloy, where dilution is made up for: each track
+        beside the last, or every other track first and wider, so that beads melt the substrate and
+        not each other; "auto" lays every other first where dilution was measured at energies per
+        length that differ by a factor of two or more
     bead_width_mm, layer_height_mm : of one bead
     speed_mm_s : of deposition; a material may have its own
     travel_speed_mm_s : between beads, with the beam off
@@ -169,6 +173,7 @@ class ProcessSettings(DepositionHeatSettings):
     height_check_every: Annotated[int, Field(ge=1, le=10_000)] | None = None
     height_tolerance_mm: Annotated[float, Field(ge=0, le=20)] = 1.0
     dilution: Literal["compensate", "ignore"] = "compensate"
+    first_layer_order: Literal["auto", "in-turn", "every-other"] = "auto"
     copy_order: Literal["layer-by-layer", "part-by-part"] = "layer-by-layer"
     region: Annotated[tuple[StrategyRegion, ...], Field(max_length=1000)] = ()
 

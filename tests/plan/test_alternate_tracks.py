@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from lmctl.config.dilution import DilutionSettings
 from lmctl.config.part_file import ProcessSettings
 from lmctl.config.substrate import SubstrateSettings
+from lmctl.plan.dilution import with_known_dilution
 from lmctl.plan.geometry import LayerFigures, LayerGeometry, layer_geometry
 from lmctl.plan.geometry.alternate_tracks import alternate_tracks, lies_on_other_alloy
 from lmctl.plan.geometry.beside_tracks import left_of_tracks
@@ -120,10 +122,14 @@ def test_which_plates_are_of_another_alloy(mixture, substrate, differs):
     assert lies_on_other_alloy(np.array([mixture]), np.array(substrate)) is differs
 
 
+EVERY_OTHER = {"first_layer_order": "every-other"}
+
+
 @pytest.mark.parametrize(("process", "mixture", "alternates"), [
-    ({}, 0.5, True),
-    ({}, 0.0, False),
-    ({"dilution": "ignore"}, 0.5, False),
+    (EVERY_OTHER, 0.5, True),
+    (EVERY_OTHER, 0.0, False),
+    (EVERY_OTHER | {"dilution": "ignore"}, 0.5, False),
+    ({"first_layer_order": "in-turn"}, 0.5, False),
 ])
 def test_only_a_first_layer_on_another_alloy_is_laid_so(
     make_part, shapes, profile, process, mixture, alternates
@@ -137,3 +143,20 @@ def test_only_a_first_layer_on_another_alloy_is_laid_so(
     assert second.rounds is None
     assert first.n_tracks > 1 if alternates else first.n_tracks == second.n_tracks == 1  # linked
     assert first.figures.strip_mm2 == pytest.approx(sum(volumes(first)), rel=0.01)
+
+
+@pytest.mark.parametrize(("stated", "asked", "order"), [
+    ([(0.2, None)], "auto", "in-turn"),
+    ([(0.2, 150.0)], "auto", "in-turn"),
+    ([(0.15, 75.0), (0.2, 150.0), (0.25, 225.0)], "auto", "every-other"),
+    ([(0.15, 75.0), (0.2, 150.0), (0.25, 225.0)], "in-turn", "in-turn"),
+    ([(0.2, None)], "every-other", "every-other"),
+])
+def test_the_order_follows_what_is_known_of_dilution(
+    make_part, shapes, profile, stated, asked, order
+):
+    part = make_part(shapes["rectangle"], lambda p: 0.5, height_mm=2.4,
+                     process=ProcessSettings(first_layer_order=asked))
+    cell = profile.model_copy(update={"dilution": tuple(
+        DilutionSettings(share=share, energy_J_mm=energy) for share, energy in stated)})
+    assert with_known_dilution(part, cell).process.first_layer_order == order

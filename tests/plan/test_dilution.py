@@ -154,7 +154,9 @@ def test_a_job_feeds_more_on_the_plate_and_states_what_the_bead_becomes(planned)
     fed = second_powder(layers[0])
     assert np.median(fed) == pytest.approx(0.62, abs=0.011)  # 0.625 in steps of 0.02
     assert fed.min() > 0.59  # between others, which it melts in place of the plate
-    assert second_powder(layers[1]) == pytest.approx(0.5, abs=0.011)
+    # here and there beads of the first melted each other: the next makes up for that
+    assert second_powder(layers[1]) == pytest.approx(0.5, abs=0.025)
+    assert np.median(second_powder(layers[1])) == pytest.approx(0.5, abs=0.011)
     beads = layers[0].lines["kind"] == LineKind.BEAD
     assert layers[0].lines["designed"][beads] == pytest.approx(0.5)
     first = manifest.mixtures[0]

@@ -108,10 +108,20 @@ class DilutionCompensation:
 
 def with_known_dilution(part: Part, profile: MachineProfile) -> Part:
     """The part as it is planned on a machine: without compensation where no dilution is known, or
-    there is but one powder to feed."""
-    if part.process.dilution == "ignore" or (profile.dilution and len(part.materials) > 1):
+    there is but one powder to feed; and with the order of its first layer.
+
+    Every other track first means wide slow strips and narrow fast ones. Where one dilution is
+    stated for all energies per length, that would be believed of both.
+    """
+    process = part.process
+    law = None if process.dilution == "ignore" else dilution_law(
+        profile.dilution, [material.name for material in part.materials])
+    if law is None or len(part.materials) < 2:
+        return replace(part, process=process.model_copy(update={"dilution": "ignore"}))
+    if process.first_layer_order != "auto":
         return part
-    return replace(part, process=part.process.model_copy(update={"dilution": "ignore"}))
+    order = "every-other" if law.follows_energy else "in-turn"
+    return replace(part, process=process.model_copy(update={"first_layer_order": order}))
 
 
 def compensation_of(

@@ -21,6 +21,8 @@ _HALF_WIDTH_ERRORS = 1.96
 _UNKNOWN_ERROR = 0.02
 #: Energies nearer to each other than this, as a ratio, make no line.
 _SAME_ENERGY = 0.02
+#: Energies as far apart as this, as a ratio, say how dilution follows them.
+_WIDE_ENERGIES = 2.0
 
 
 @dataclass(frozen=True)
@@ -57,6 +59,12 @@ class DilutionLaw:
     """lines : of each of the part's materials, in their order"""
 
     lines: tuple[_PowderLine, ...]
+
+    @property
+    def follows_energy(self) -> bool:
+        """Whether it is known how dilution follows the energy per length, of every powder."""
+        return all(line.highest_J_mm < np.inf and
+                   line.highest_J_mm >= _WIDE_ENERGIES * line.lowest_J_mm for line in self.lines)
 
     def along(self, fractions: FloatArray, energy_J_mm: FloatArray) -> DilutionAlong:
         """The dilution of mixtures (n, materials) at energies per length (n,)."""

@@ -25,8 +25,8 @@ from lmctl.plan.sequence.track_order import OrderedTracks
 #: Mixtures change along a bead no faster than over its own width: so far to both sides they are
 #: averaged, in beads.
 _AVERAGED_BEADS = 0.5
-#: Most that a mixture is moved from the one that is right in the mean, as a volume fraction: half of
-#: the tolerance of a path. The steps of mixture along a bead take up to the other half.
+#: Most that a mixture is moved from the one that is right in the mean, as a volume fraction: half
+#: of the tolerance of a path. The steps of mixture along a bead take up to the other half.
 _MOST_MOVED = 0.01
 
 
@@ -59,7 +59,7 @@ def laid_columns(
     beads: Beads, tracks: OrderedTracks, recipe: Recipe, before: LaidColumns | None
 ) -> LaidColumns | None:
     """What lies on top once a layer's beads are deposited, with what hoppers can meter of them."""
-    if tracks.melted is None:
+    if tracks.melted is None or tracks.melted.designed_across is None:
         return None
     melted: MeltedBelow = tracks.melted.at_lengths(tracks.along_mm, beads.along_mm)
     section = beads.width_mm * (recipe.pitch_mm / recipe.bead_mm) * recipe.layer_height_mm

@@ -55,7 +55,8 @@ def layer_geometry(part: Part, placement: Placement, layer: int) -> LayerGeometr
     task = _slice_task(part, section, loops, number)
     raster, islands = task.raster, task.islands
     on_other_alloy = False
-    substrate = substrate_mixture(part) if process.dilution != "ignore" and number == 0 else None
+    substrate = substrate_mixture(part) if number == 0 and process.dilution != "ignore" and (
+        process.first_layer_order == "every-other") else None
     if substrate is not None:
         found = tracks_of_slice(replace(task, links=False))
         on_other_alloy = any(
