@@ -77,7 +77,7 @@ def layer_moves(
     moves.kind[dwell], moves.dwell_s[dwell] = LineKind.DWELL, settings.dwell_s
     moves.target_mm[dwell, :2], moves.feed_mm_s[dwell] = entry[waits], 0.0
     lead_in = begin + n_travel + waits
-    _add_leads(moves, beads, points, lead_in, leave)
+    _add_leads(moves, beads, points, lead_in, leave, settings)
     segment = np.repeat(lead_in + 1, n_segments) + indices_within_stretches(n_segments)
     vertex = np.ones(len(points), dtype=np.bool_)
     vertex[beads.first] = False
@@ -129,7 +129,8 @@ def _add_travel(
 
 
 def _add_leads(
-    moves: Moves, beads: Beads, points: FloatArray, lead_in: IndexArray, leave: FloatArray
+    moves: Moves, beads: Beads, points: FloatArray, lead_in: IndexArray, leave: FloatArray,
+    settings: TravelSettings,
 ) -> None:
     """The lead-in ends where the bead begins; the lead-out begins where it ends."""
     moves.kind[lead_in] = LineKind.LEAD
@@ -138,7 +139,8 @@ def _add_leads(
     lead_out = lead_in + np.diff(beads.starts)
     moves.kind[lead_out] = LineKind.LEAD
     moves.target_mm[lead_out, :2] = leave
-    moves.feed_mm_s[lead_out] = beads.speed_mm_s[beads.last]
+    # the beam is off, and is left at the bead's own speed: from there on the nozzle may hurry
+    moves.feed_mm_s[lead_out] = settings.travel_mm_s
     moves.fractions[lead_out] = beads.fractions[beads.last]
 
 
