@@ -80,7 +80,8 @@ def laying_limits(part: Part, profile: MachineProfile, rate_per_s: float) -> Lay
     rate = rate_per_s / lag_s
     speed = min((m.speed_mm_s for m in part.materials), default=process.speed_mm_s)
     pitch = process.bead_width_mm * (1.0 - process.overlap)
-    between_s = 2.0 * process.lead_in_mm / speed + pitch / process.travel_speed_mm_s
+    between_s = process.lead_in_mm / speed + (
+        process.lead_in_mm + pitch) / process.travel_speed_mm_s
     if process.powder == "dwell":
         between_s += process.dwell_s
     volume_mm3_s = pitch * process.layer_height_mm * speed
