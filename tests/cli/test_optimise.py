@@ -99,8 +99,8 @@ def test_an_interrupted_search_goes_on(
 
 
 def test_a_gradient_limit_that_binds_is_kept_everywhere(lmctl: Callable[..., Any]) -> None:
-    """At 0.2/τ a fraction may change by about 0.034 a millimetre from track to track."""
-    slow = RING.replace("depositable = false", "rate_per_s = 0.2").replace(
+    """At 0.3/τ a fraction may change by about 0.033 a millimetre from track to track."""
+    slow = RING.replace("depositable = false", "rate_per_s = 0.3").replace(
         'k = { free = [0.3, 3], start = 2.5, name = "k" }   # exponent\n',
         "k = 1\na = { free = [0.1, 1], start = 0.9 }\n")
     Path("ring.toml").write_text(slow)
