@@ -171,6 +171,15 @@ def test_a_job_feeds_more_on_the_plate_and_states_what_the_bead_becomes(planned)
     assert any("dilution of 20.0% (18.0% to 22.0%)" in f["text"] for f in manifest.verdict)
 
 
+def test_a_plan_says_that_every_other_track_comes_first(planned):
+    said = "every other track of the first layer comes first"
+    every_other, _ = planned(first_layer_order="every-other")
+    in_turn, _ = planned()
+    assert any(said in finding["text"] for finding in every_other.verdict)
+    assert not any(said in finding["text"] for finding in in_turn.verdict)
+    assert every_other.totals["mixture_share"] > 0.99
+
+
 def test_flow_in_a_compensated_layer_deposits_the_volume_of_the_part(planned, materials):
     manifest, _ = planned()
     caught = manifest.totals["powder_in_part_g"]

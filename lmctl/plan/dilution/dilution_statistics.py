@@ -50,6 +50,7 @@ class DilutionStatistics:
     sums: FloatArray = field(default_factory=lambda: np.zeros(3))
     clipped_mm: float = 0.0
     worst: float = 0.0
+    alternates: bool = False
     places: list[UncompensatedPlace] = field(default_factory=list)
 
     def add_layer(
@@ -64,6 +65,7 @@ class DilutionStatistics:
         if layer is None or path_mm <= 0:
             return
         along = layer.along
+        self.alternates = self.alternates or geometry.rounds is not None
         self.compensated_mm += path_mm
         self.outside_mm += float(length[along.outside].sum())
         self.sums += [float(length @ one) for one in (along.share, along.low, along.high)]
@@ -111,6 +113,9 @@ class DilutionStatistics:
         share, low, high = self.mean_share
         interval = f" ({low:.1%} to {high:.1%})" if high > low else ", its interval not known"
         yield True, f"powder is fed so as to make up for a dilution of {share:.1%}{interval}"
+        if self.alternates:
+            yield True, ("every other track of the first layer comes first, and wider: there beads "
+                         "melt the substrate, not each other")
         if self.outside_mm > 0.01 * self.path_mm:
             yield False, (f"{self.outside_mm / self.path_mm:.1%} of the path has an energy per "
                           "length at which dilution was not measured")
