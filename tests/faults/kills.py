@@ -48,8 +48,6 @@ MOST_REPEATED_MM = 0.5
 #: Cells at a time, each of which mostly waits.
 AT_ONCE = 20
 _LONGEST_S = 60.0
-#: Of a run that faulted while it connected.
-_BEGIN_ANEW = "ended before it began with its part"
 #: Of a controller without homing that reports 0, 0, 0, where it was moving when its host died.
 _POWER_CYCLED = "it says 0, 0, 0, as every controller does that was switched off and on"
 
@@ -96,7 +94,7 @@ def one_kill(job: Path, seed: int, folder: Path) -> Outcome:
         outcome.state = _run_and_kill(job, cell, folder, outcome.at_s)
         _judge_journal(folder, outcome)
         if outcome.state != "done":
-            _recover(job, cell, folder, outcome)
+            _recover(cell, folder, outcome)
     finally:
         bench.terminate()
         bench.join(_LONGEST_S)
@@ -125,7 +123,7 @@ def _judge_journal(folder: Path, outcome: Outcome) -> None:
         outcome.shortfalls.append("the journal does not verify")
 
 
-def _recover(job: Path, cell: Path, folder: Path, outcome: Outcome) -> None:
+def _recover(cell: Path, folder: Path, outcome: Outcome) -> None:
     if not (folder / "runs" / "run-0001" / "journal.jsonl").exists():
         outcome.recovered = "not begun"
         return
@@ -138,14 +136,6 @@ def _recover(job: Path, cell: Path, folder: Path, outcome: Outcome) -> None:
         # not, and its operator says so.
         question = " after a question"
         code, said = _recovery(cell, folder, "--position-restored")
-    if code == 1 and _BEGIN_ANEW in " ".join(said.split()):
-        # It faulted before it began with its part: a device of this cell, one of twenty on few
-        # cores, did not answer as it connected. Then it is run again, as the hint has it.
-        question = " from the beginning"
-        host = start("lmctl.cli", ["run", job, "--machine", cell, "--runs", folder / "runs"],
-                     folder, "again")
-        host.join(_LONGEST_S)
-        code, said = host.exitcode, (folder / "again.err").read_text()
     outcome.recovered = f"done{question}" if code == 0 else f"exit {code}"
     if code != 0:
         outcome.shortfalls.append(said.strip().splitlines()[-1])

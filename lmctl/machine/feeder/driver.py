@@ -29,6 +29,7 @@ from lmctl.machine.feeder.recipe import post_flow_duration_s
 from lmctl.machine.feeder.refill import HopperRefill
 from lmctl.machine.feeder.status import GAS_ORDERED_STATES, FeederCallbacks, FeederStatus
 from lmctl.machine.modbus.client import ModbusExceptionError, ModbusLink, NoReplyError
+from lmctl.machine.modbus.opening_retries import answer_with_retries
 
 _BOOT_PATIENCE_S = 15.0
 _MAX_ANSWER_S = 1.0
@@ -237,7 +238,7 @@ class FeederDriver:
         except NoReplyError as error:
             raise self._cycle.errors.error(error.what, error.hint) from error
         self._cycle.reset_fault()
-        await self._orders.set_command(FeederCommandBits.ENABLE_REMOTE, "take commands")
+        await self._orders.take_remote_control()
         await self._cycle.wait_until(
             lambda status: status.alarm is None, ORDER_TIMEOUT_S, "its alarms did not clear"
         )
@@ -260,13 +261,15 @@ class FeederDriver:
         """First status, settings and zero flows; then remote control, which arms its watchdog."""
         deadline_s = self._loop.time() + _BOOT_PATIENCE_S
         while True:
-            status = await self._cycle.errors.request_answer(self._cycle.read_first_status(),
-                                                             "show its status")
+            status = await self._cycle.errors.request_answer(
+                answer_with_retries(self._cycle.read_first_status, self._cycle.period_s),
+                "show its status")
             if status.state is not FeederStateCode.BOOT or self._loop.time() >= deadline_s:
                 break
             await asyncio.sleep(self._cycle.period_s)
-        await self._cycle.errors.request_answer(self._cycle.poll_once(), "take its settings")
-        await self._orders.set_command(FeederCommandBits.ENABLE_REMOTE, "take commands")
+        await self._cycle.errors.request_answer(
+            answer_with_retries(self._cycle.poll_once, self._cycle.period_s), "take its settings")
+        await self._orders.take_remote_control()
         self._cycle.start()
 
 

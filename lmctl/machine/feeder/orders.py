@@ -15,6 +15,7 @@ from lmctl.machine.feeder.feeder_link import FeederLink
 from lmctl.machine.feeder.polling import FeederPolling
 from lmctl.machine.feeder.status import FeederStatus
 from lmctl.machine.modbus.client import ModbusExceptionError, NoReplyError
+from lmctl.machine.modbus.opening_retries import answer_with_retries
 
 #: An order that switches something off is repeated after this interval, for at most this time [s].
 _AGAIN_S = 0.1
@@ -37,6 +38,18 @@ class FeederOrders:
     async def set_command(self, command: FeederCommandBits, what: str) -> None:
         """The whole command word. Raises MachineError where it is refused or not answered."""
         await self._cycle.errors.request_answer(self._write(command), what)
+        self._cycle.command = command
+        self._cycle.read_status_now()
+
+    async def take_remote_control(self) -> None:
+        """Take commands from this host; the device's watchdog runs from here on.
+
+        Repeated while answers get lost: it starts neither disc nor gas.
+        Raises MachineError where it is refused or not answered.
+        """
+        command = FeederCommandBits.ENABLE_REMOTE
+        await self._cycle.errors.request_answer(
+            answer_with_retries(lambda: self._write(command), _AGAIN_S), "take commands")
         self._cycle.command = command
         self._cycle.read_status_now()
 

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Awaitable, Callable
+from typing import TypeVar
 
 from lmctl.errors import MachineError
 from lmctl.machine.modbus.client import NoReplyError, PassingExceptionError
+
+T = TypeVar("T")
 
 #: Requests that may go without an answer, and how long a device may answer that it is busy [s].
 _OPENING_TRIES = 3
@@ -32,9 +35,7 @@ class OpeningRetries:
         return self._tries > 0
 
 
-async def answer_with_retries(
-    request: Callable[[], Awaitable[Sequence[int]]], every_s: float
-) -> Sequence[int]:
+async def answer_with_retries(request: Callable[[], Awaitable[T]], every_s: float) -> T:
     """The answer to a request that may be repeated, such as a reading, while a device is opened.
 
     Raises NoReplyError when no retry is left, ModbusExceptionError at once.

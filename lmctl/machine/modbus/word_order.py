@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from firmware_protocol.registers import RegisterBlock, WordOrder
 from lmctl.config.modbus_device import ModbusDevice
 from lmctl.machine.modbus.client import ModbusLink
+from lmctl.machine.modbus.opening_retries import answer_with_retries
 
 #: How long a counter of seconds is watched, and the interval between its readings [s].
 _WATCHED_S = 1.5
@@ -31,14 +32,18 @@ async def detect_word_order(
     configured : the order that is expected; it is preferred where several would do
     Returns None where the counter does not change, or counts in no order. Raises as readings do.
     """
+    async def reading() -> tuple[int, ...]:
+        return tuple(await answer_with_retries(
+            lambda: link.read_input(uptime.address, uptime.count), _EVERY_S))
+
     loop = asyncio.get_running_loop()
     until_s = loop.time() + _WATCHED_S
-    before = now = tuple(await link.read_input(uptime.address, uptime.count))
+    before = now = await reading()
     while now == before:
         if loop.time() >= until_s:
             return None
         await asyncio.sleep(_EVERY_S)
-        now = tuple(await link.read_input(uptime.address, uptime.count))
+        now = await reading()
     for order in sorted(WordOrder, key=lambda order: order is not configured):
         block = uptime.with_word_order(order)
         (then_s,), (now_s,) = block.decode(before).values(), block.decode(now).values()
