@@ -122,6 +122,23 @@ def test_the_nearest_mixture_is_nearer_than_any_other():
     assert (((found - wanted) ** 2).sum(axis=1) <= least + 1e-12).all()
 
 
+def test_a_layer_of_more_power_melts_what_was_measured_at_that_energy(profile, materials):
+    recipe = make_recipe(materials, ProcessSettings(), profile)
+    energy = float(recipe.power(np.eye(2))[0] / recipe.speed(np.eye(2))[0])
+    names = [material.name for material in materials]
+    law = dilution_law(
+        [stated(0.2 * e, energy * e, material=name) for e in (0.5, 1, 2) for name in names], names)
+    layers = [np.tile([0.8, 0.2], (5, 1))] * 3
+
+    def shares(factor):
+        compensation = DilutionCompensation(law, recipe, np.array([0, 0, 1.0]), factor)
+        return np.array([compensation.compensated(one, number).along.share[0]
+                         for number, one in enumerate(column(layers))])
+
+    usual, strong = shares(lambda number: 1.0), shares(lambda number: 1.25 if number == 0 else 0.9)
+    assert strong / usual == pytest.approx([1.25, 0.9, 0.9], rel=0.02)
+
+
 def test_a_first_layer_on_an_unknown_alloy_is_fed_as_designed(profile, materials):
     recipe = make_recipe(materials, ProcessSettings(), profile)
     compensation = DilutionCompensation(law_of(0.2), recipe, None)

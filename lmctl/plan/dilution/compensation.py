@@ -12,6 +12,7 @@ Deposits are counted in the part's materials and one more: a substrate of none o
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -53,12 +54,17 @@ class DilutionCompensation:
 
     substrate : share of each material in the substrate's alloy and of a foreign one
         (materials + 1,); None where its alloy is not known: the first layer is fed as designed
+    power_factor : on the recipe's beam power in a layer, by its number
     """
 
-    def __init__(self, law: DilutionLaw, recipe: Recipe, substrate: FloatArray | None) -> None:
+    def __init__(
+        self, law: DilutionLaw, recipe: Recipe, substrate: FloatArray | None,
+        power_factor: Callable[[int], float] = lambda number: 1.0,
+    ) -> None:
         self._law = law
         self._recipe = recipe
         self._substrate = substrate
+        self._power_factor = power_factor
         self._deviation: LaidDeviation | None = None
 
     @property
@@ -78,7 +84,8 @@ class DilutionCompensation:
             return None
         fed = geometry.fractions
         for _ in range(_ROUNDS):
-            along = self._law.along(fed, self._energy_J_mm(fed, geometry.strip_width_mm))
+            along = self._law.along(fed, self._power_factor(number) * self._energy_J_mm(
+                fed, geometry.strip_width_mm))
             fed = mixture_to_feed(designed, below, along.share)
         melted = MeltedBelow(designed, below, along.share, geometry.fractions_across)
         deviation = melted.laid(fed) - designed
@@ -100,7 +107,7 @@ class DilutionCompensation:
         return below
 
     def _energy_J_mm(self, fed: FloatArray, strip_width_mm: FloatArray) -> FloatArray:
-        """Energy per length: speed follows the strip, power does not."""
+        """Energy per length at the recipe's power: speed follows the strip, power does not."""
         recipe = self._recipe
         return np.asarray(recipe.power(fed) / (
             recipe.speed(fed) * recipe.strip_speed_factor(strip_width_mm)))
@@ -132,4 +139,6 @@ def compensation_of(
     law = None if part.process.dilution == "ignore" else dilution_law(profile.dilution, names)
     if law is None:
         return None
-    return DilutionCompensation(law, recipe, substrate_mixture(part))
+    # power that follows temperature keeps the molten pool, and so what it melts, as it is
+    return DilutionCompensation(
+        law, recipe, substrate_mixture(part), part.process.power_factor)
