@@ -128,6 +128,8 @@ def _heat_lines(heat: dict[str, Any] | None) -> list[str]:
     """What is predicted of temperature, where the part limits it."""
     if heat is None:
         return []
+    least = 100 * float(heat["least_power_factor"])
+    power = f"; beam power down to {least:.0f} % of the recipe's" if least < 99.5 else ""
     return [f"  heat      interpass predicted at most {heat['interpass_C']:.0f} °C in layer "
             f"{heat['layer']}, limit {heat['interpass_max_C']:g} °C; waits of "
-            f"{format_duration(heat['wait_s'])} in {heat['layers_with_waits']} layers"]
+            f"{format_duration(heat['wait_s'])} in {heat['layers_with_waits']} layers{power}"]

@@ -20,6 +20,9 @@ class DepositionHeatSettings(ConfigModel):
     first_layer_power : factor on the beam power of the first layer
     power_per_layer : factor on the beam power from each layer to the next, from the second layer's
         on; final_power : the factor on the recipe's power at which it stops falling
+    power_follows_temperature : each layer's beam power falls with the mean temperature that it is
+        predicted to find, so that the molten pool stays as large as on the plate; beside the
+        factors above, and not below the least of power_range. It needs interpass_max_C
     power_range : least and greatest factor allowed, on beam power and so on energy per volume
     surface_loss_W_m2_K : from free surfaces to gas and surroundings, by convection and radiation
     """
@@ -29,6 +32,7 @@ class DepositionHeatSettings(ConfigModel):
     first_layer_power: PowerFactor = 1.0
     power_per_layer: Annotated[float, Field(ge=0.5, le=1)] = 1.0
     final_power: PowerFactor = 0.8
+    power_follows_temperature: bool = False
     power_range: tuple[PowerFactor, PowerFactor] = (0.7, 1.3)
     surface_loss_W_m2_K: Annotated[float, Field(ge=0, le=1000)] = 25.0
 

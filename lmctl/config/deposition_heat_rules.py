@@ -19,7 +19,11 @@ def deposition_heat_findings(data: dict[str, Any]) -> Iterator[Finding]:
     process = data.get("process")
     process = process if isinstance(process, dict) else {}
     limit = process.get("interpass_max_C")
-    if not _is_number(limit):
+    follows = process.get("power_follows_temperature") is True
+    if not isinstance(limit, int | float) or isinstance(limit, bool):
+        if follows and limit is None:
+            yield Finding("process.power_follows_temperature", "temperature is predicted only with "
+                          "a limit: state process.interpass_max_C, too")
         return
     plate = data.get("substrate")
     plate = plate if isinstance(plate, dict) else {}
@@ -44,6 +48,8 @@ def deposition_heat_findings(data: dict[str, Any]) -> Iterator[Finding]:
             yield Finding(f"material[{number}].{key}",
                           f"is missing, and the library has no {key} of {name!r}: "
                           "process.interpass_max_C needs it")
+        if follows:
+            yield from _melting_findings(f"material[{number}].melting_C", item, name, limit)
     alloy = plate.get("material") or DEFAULT_PLATE
     if isinstance(alloy, str):
         own = next((one for one in materials if one.get("name") == alloy), {})
@@ -53,6 +59,20 @@ def deposition_heat_findings(data: dict[str, Any]) -> Iterator[Finding]:
                           f"the library has no {', '.join(missing)} of {alloy!r}, which "
                           "process.interpass_max_C needs: add a [[material]] table for it, or name "
                           f"a library material such as {DEFAULT_PLATE!r}")
+
+
+def _melting_findings(
+    path: str, item: dict[str, Any], name: str, limit_C: float
+) -> Iterator[Finding]:
+    """Of a powder whose melting point decides the beam's power."""
+    constants = find_constants(name)
+    melting_C = item.get("melting_C", constants.melting_C if constants else None)
+    if melting_C is None:
+        yield Finding(path, f"is missing, and the library has no melting_C of {name!r}: "
+                      "process.power_follows_temperature needs it")
+    elif _is_number(melting_C) and melting_C <= limit_C:
+        yield Finding("process.interpass_max_C", f"{limit_C:g} °C is not below the melting point "
+                      f"of {name!r}, {melting_C:g} °C: no power follows from such a temperature")
 
 
 def _missing(item: dict[str, Any], name: str, *, absorbs: bool) -> Iterator[str]:

@@ -40,6 +40,7 @@ class MaterialSettings(ConfigModel):
         the library's (`material_constants`)
     heat_capacity_J_kg_K, absorptivity : specific heat, and share of the beam's power that stays in
         the part; with conductivity they count where `process.interpass_max_C` is stated
+    melting_C : where it is molten; counts with `process.power_follows_temperature`
     price_per_kg : in any one currency; there is no default
     name : by which compositions and hoppers refer to it
     """
@@ -57,6 +58,7 @@ class MaterialSettings(ConfigModel):
     strength_MPa: Annotated[float, Field(gt=0, le=20_000)] | None = None
     heat_capacity_J_kg_K: Annotated[float, Field(gt=0, le=20_000)] | None = None
     absorptivity: ShareOfOne | None = None
+    melting_C: Annotated[float, Field(ge=100, le=5000)] | None = None
     price_per_kg: Annotated[float, Field(ge=0, le=1e6)] | None = None
 
 

@@ -112,9 +112,11 @@ def _heat(heat: dict[str, object]) -> str:
         return ""
     hottest_C = format_number(float(str(heat["interpass_C"])), 0)
     waits = format_duration(float(str(heat["wait_s"])))
+    least = 100 * float(str(heat["least_power_factor"]))
+    power = f"; beam power planned down to {least:.0f} % of the recipe's" if least < 99.5 else ""
     return (f"interpass predicted at most {hottest_C} °C in layer {heat['layer']}, limit "
             f"{heat['interpass_max_C']} °C; {waits} of waits planned in "
-            f"{heat['layers_with_waits']} layers")
+            f"{heat['layers_with_waits']} layers{power}")
 
 
 def _hopper(hopper: dict[str, object]) -> str:

@@ -41,6 +41,19 @@ def bead_starts_s(layers):
             for layer in layers]
 
 
+def path_lengths_mm(layers):
+    """Of each path's bead."""
+    found = []
+    for layer in layers:
+        lines = layer.lines
+        place = np.column_stack([lines["x_mm"], lines["y_mm"]]).astype(float)
+        step = np.concatenate([[0.0], np.hypot(*np.diff(place, axis=0).T)])
+        bead = lines["kind"] == LineKind.BEAD
+        found += [step[bead & (lines["path"] == path)].sum()
+                  for path in np.unique(lines["path"][bead])]
+    return found
+
+
 def test_a_limit_is_kept_by_waits_at_the_purge_position(plan, profile):
     free, free_layers = plan(FREE)
     limited, layers = plan(LIMITED)
@@ -68,6 +81,22 @@ def test_a_limit_is_kept_by_waits_at_the_purge_position(plan, profile):
     assert limited.totals["deposited_volume_mm3"] == pytest.approx(
         free.totals["deposited_volume_mm3"], rel=1e-4)
     assert sum(layer.lines["power_W"].max() > 0 for layer in free_layers) == len(free_layers)
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_a_limit_is_kept_whatever_the_shape(plan, seed):
+    """Long straight tracks have to be interrupted between their ends, and what a piece of path
+    leaves too hot has to cool before the next one."""
+    random = np.random.default_rng(seed)
+    high = [random.choice(choices) for choices in ((8, 12, 20, 30, 60), (3, 4, 8, 12, 20), (4, 6))]
+    limit, strategy = random.choice((150, 200, 250, 400)), random.choice(("offset", "hatch"))
+    manifest, layers = plan(block(high=", ".join(map(str, high)), limit=limit,
+                                  process=f'strategy = "{strategy}"'))
+    assert max(layer.interpass_C for layer in manifest.heat) <= limit + (limit - 20) / 50
+    assert manifest.totals["predicted_heat"]["wait_s"] > 0
+    # no piece of a path is shorter than two beads, but where the whole path is
+    _, free = plan(block(high=", ".join(map(str, high)), process=f'strategy = "{strategy}"'))
+    assert min(path_lengths_mm(layers)) >= min(2 * 2.0 - 0.01, *path_lengths_mm(free))
 
 
 def test_a_limit_that_is_never_reached_changes_no_line(plan):

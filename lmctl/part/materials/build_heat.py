@@ -44,6 +44,7 @@ class PlateHeat:
 class BuildHeat:
     """Of m powders, in the part's order, (m,) float64 each; and the plate.
 
+    melting_C : None where beam power does not follow temperature
     Constants do not change with temperature. Those of a mixture are means by volume.
     """
 
@@ -51,6 +52,7 @@ class BuildHeat:
     capacity_J_mm3_K: FloatArray
     absorptivity: FloatArray
     plate: PlateHeat
+    melting_C: FloatArray | None = None
 
     @property
     def diffusivity_mm2_s(self) -> FloatArray:
@@ -73,7 +75,9 @@ def resolve_build_heat(part: PartFile) -> BuildHeat | None:
         at_C=plate.temperature_C, thickness_mm=plate.thickness_mm,
         conductivity_W_mm_K=conductivity, capacity_J_mm3_K=capacity,
         contact_W_mm2_K=plate.contact_W_m2_K * 1e-6,
-        loss_W_mm2_K=process.surface_loss_W_m2_K * 1e-6, ambient_C=AMBIENT_C))
+        loss_W_mm2_K=process.surface_loss_W_m2_K * 1e-6, ambient_C=AMBIENT_C),
+        np.array([_melting_C(material) for material in part.material])
+        if process.power_follows_temperature else None)
 
 
 def _constants(material: MaterialSettings) -> tuple[float, float, float]:
@@ -86,3 +90,8 @@ def _constants(material: MaterialSettings) -> tuple[float, float, float]:
     density = material.density_g_cm3 or (powder.density_g_cm3 if powder else 0.0)
     absorptivity = material.absorptivity or (powder.absorptivity if powder else 0.0)
     return conductivity * 1e-3, density * heat * 1e-6, absorptivity
+
+
+def _melting_C(material: MaterialSettings) -> float:
+    constants = find_constants(material.name)
+    return material.melting_C or (constants.melting_C if constants else 0.0)

@@ -14,6 +14,23 @@ _BLOCK_S, _GAP_S = 3.0, 1.0
 MIN_PIECE_BEADS = 2.0
 
 
+def finely_divided(
+    lines: BeadLines, along_mm: FloatArray, longest_mm: float
+) -> tuple[BeadLines, IndexArray, FloatArray]:
+    """Lines no longer than `longest_mm`, so that a wait can lie within a long straight one.
+
+    along_mm : (n, 2) where on the tracks each line begins and ends
+    Returns k lines, the first of those that each line is divided into, (n,), and where on the
+    tracks each of the k begins, (k,).
+    """
+    into = np.maximum(np.ceil(np.diff(_lengths_mm(lines)) / longest_mm), 1).astype(np.intp)
+    first_part = np.cumsum(into) - into
+    line = np.repeat(np.arange(len(into)), into)
+    share = (np.arange(len(line)) - first_part[line]) / into[line]
+    begin_mm, end_mm = along_mm[line].T
+    return lines.divided(into), first_part, begin_mm + share * (end_mm - begin_mm)
+
+
 def block_starts(lines: BeadLines, first: IndexArray, piece_mm: float) -> list[int]:
     """Lines before which there may be a wait, rising, the first of all included.
 

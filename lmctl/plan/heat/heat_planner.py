@@ -1,15 +1,13 @@
 """Predict temperature layer by layer, and choose waits so that no place is too hot for its bead.
 
 A layer is first tried without waits. Where a place would be too hot, the layer is gone through
-block by block: before each the beam stays off until all its places are cool enough when they are
-reached. Blocks begin where powder changes, so that powder and heat wait together, with other paths,
-and within long paths; a path is interrupted only where it has to wait.
+block by block (`block_waits`). Blocks begin where powder changes, so that powder and heat wait
+together, with other paths, and within long paths; a path is interrupted only where it has to wait.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import pairwise
 from typing import NoReturn
 
 import numpy as np
@@ -18,18 +16,14 @@ from lmctl.array_types import FloatArray, IndexArray
 from lmctl.errors import PlanError
 from lmctl.job.schema import LayerHeat, LineKind
 from lmctl.part.materials.build_heat import BuildHeat
-from lmctl.plan.heat.cooling import (
-    LONGEST_WAIT_S,
-    HottestPlace,
-    PassReadings,
-    wait_for_limit_s,
-)
-from lmctl.plan.heat.heat_blocks import MIN_PIECE_BEADS, block_starts, middle_of_block
+from lmctl.plan.heat.block_waits import NO_PLACES, BlockWaits, LimitNotKeptError, PassLimit
+from lmctl.plan.heat.cooling import LONGEST_WAIT_S, HottestPlace
+from lmctl.plan.heat.following_power import following_power_factor
 from lmctl.plan.heat.heat_choice import HeatChoice, PredictedReadings
 from lmctl.plan.heat.heat_grid import heat_grid
 from lmctl.plan.heat.heat_steps import NO_LINES, BeadLines
 from lmctl.plan.heat.part_temperature import PartTemperature
-from lmctl.plan.heat.reading_moments import CLEAR_S, reading_moments
+from lmctl.plan.heat.reading_moments import reading_moments
 from lmctl.plan.recipe import Recipe
 from lmctl.plan.sequence.interrupted_beads import HeatWaits
 from lmctl.plan.sequence.moves import Moves
@@ -37,10 +31,11 @@ from lmctl.plan.sequence.moves import Moves
 #: Waits are aimed below the limit by this part of its rise over the plate, and predictions above it
 #: by as much keep it: it is far less than predictions are uncertain by.
 _TOLERANCE = 0.02
+#: Block by block, steps of time begin elsewhere, so readings differ by some per cent. Where such a
+#: pass finds nothing above the limit, it is done again with one lower by so many times the excess.
+_LOWER_LIMITS = (0.0, 1.0, 2.0)
 #: As good as now [s].
 _MOMENT_S = 1e-3
-#: A wait is corrected so often, since a longer wait changes a little what the pass itself adds.
-_ROUNDS = 4
 
 
 class HeatPlanner:
@@ -87,6 +82,18 @@ class HeatPlanner:
         return now.advance(now.time_s + _MOMENT_S, NO_LINES, np.full(len(place_mm), now.time_s),
                            place_mm)
 
+    def power_factor(self, place_mm: FloatArray, fractions: FloatArray, least: float) -> float:
+        """Factor on the recipe's beam power in the layer begun; 1 where it follows no temperature.
+
+        place_mm, fractions : (n, 2) places of its tracks in program coordinates, and what is laid
+            there, (n, materials); least : it does not fall below
+        """
+        if self._heat.melting_C is None:
+            return 1.0
+        return following_power_factor(
+            np.minimum(self.surface_C(place_mm), self._limit_C),  # what is hotter is waited for
+            float(fractions.mean(axis=0) @ self._heat.melting_C), self._heat.plate.at_C, least)
+
     @property
     def choice(self) -> HeatChoice:
         """What was chosen for the layer so far; set it to go back to another attempt."""
@@ -109,10 +116,20 @@ class HeatPlanner:
         waits = HeatWaits(np.zeros(len(first)), np.empty(0), np.empty(0))
         trial = self._temperature.copy()
         readings = _read_layer(trial, lines, float(durations_s.sum()), self._recipe.bead_mm)
-        if np.nanmax(readings.found_C, initial=-np.inf) <= self._limit_C + self.tolerance_K:
+        above_K = float(np.nanmax(readings.found_C, initial=-np.inf)) - self._limit_C
+        if above_K <= self.tolerance_K:
             self._choice = replace(self._choice, trial=(trial, readings))
             return waits
-        waits = self._block_waits(layer, lines, first, along_mm)
+        for lower in _LOWER_LIMITS:
+            limit = PassLimit(self._limit_C - lower * above_K, self.tolerance_K,
+                              self._heat.plate.at_C)
+            try:
+                waits = BlockWaits(self._temperature, lines, first, along_mm, self._recipe.bead_mm,
+                                   limit).choose()
+            except LimitNotKeptError as error:
+                self._refuse(layer, error.hottest)
+            if waits.total_s > 0:
+                break
         self._choice = replace(
             self._choice, trial=None, waited_s=self._choice.waited_s + waits.total_s,
             cuts=self._choice.cuts + len(waits.cut_s))
@@ -125,7 +142,7 @@ class HeatPlanner:
         """Go on by a layer, with its lines as they are written."""
         if not (moves.kind == LineKind.BEAD).any():
             self._temperature.advance(
-                self._temperature.time_s + float(durations_s.sum()), NO_LINES, *_NOTHING)
+                self._temperature.time_s + float(durations_s.sum()), NO_LINES, *NO_PLACES)
             return
         if self._choice.trial is not None:
             self._temperature, readings = self._choice.trial
@@ -135,77 +152,6 @@ class HeatPlanner:
                 self._temperature, lines, float(durations_s.sum()), self._recipe.bead_mm)
         self.readings = readings
         self._record(layer, readings, power_factor)
-
-    def _block_waits(
-        self, layer: int, lines: BeadLines, first: IndexArray, along_mm: FloatArray
-    ) -> HeatWaits:
-        """Go through a layer block by block, and wait before each as long as it takes."""
-        temperature = self._temperature.copy()
-        began_s, shift_s = temperature.time_s, 0.0
-        moments = reading_moments(
-            lines.start_mm, lines.end_mm, lines.start_s, lines.end_s, self._recipe.bead_mm)
-        piece_mm = MIN_PIECE_BEADS * self._recipe.bead_mm
-        blocks = list(pairwise([*block_starts(lines, first, piece_mm), len(lines.start_s)]))[::-1]
-        before_s = np.zeros(len(first))
-        cut_along, cut_s = [], []
-        while blocks:
-            a, b = blocks.pop()
-            mine = np.flatnonzero((moments.owner >= a) & (moments.owner < b))
-            mine = mine[np.argsort(moments.at_s[mine], kind="stable")]
-            temperature.advance(began_s + float(lines.start_s[a]) + shift_s, NO_LINES, *_NOTHING)
-            # read before this block, but not if the beam stays off here
-            again = np.flatnonzero((moments.line >= a) & (moments.owner < a))
-            middle = middle_of_block(lines, first, a, b, piece_mm)
-            wait_s, after, is_cool = self._wait_s(
-                layer, temperature, lines.part(a, b, began_s + shift_s), moments.place_mm[mine],
-                moments.at_s[mine] + began_s + shift_s, moments.place_mm[again],
-                can_divide=middle is not None)
-            if middle is not None and not is_cool:  # there may be a wait within it
-                blocks += [(middle, b), (a, middle)]
-                continue
-            temperature = after
-            path = int(np.searchsorted(first, a, side="right")) - 1
-            if first[path] == a:
-                before_s[path] = wait_s
-            elif wait_s > 0:
-                cut_along.append(along_mm[a])
-                cut_s.append(wait_s)
-            shift_s += wait_s
-        return HeatWaits(before_s, np.array(cut_along), np.array(cut_s))
-
-    def _wait_s(
-        self, layer: int, before: PartTemperature, block: BeadLines, place_mm: FloatArray,
-        at_s: FloatArray, again_mm: FloatArray, *, can_divide: bool,
-    ) -> tuple[float, PartTemperature, bool]:
-        """The wait before a block of lines, the part after it, and whether the limit is kept.
-
-        place_mm, at_s : places read during the block, and when without a wait
-        again_mm : places that are read at its start if there is a wait
-        can_divide : whether there may be a wait within it
-        """
-        wait_s, is_cool = 0.0, False
-        for _ in range(_ROUNDS):
-            after = before.copy()
-            after.advance(before.time_s + wait_s, NO_LINES, *_NOTHING)
-            waited = after.copy() if wait_s else before
-            read = after.advance(float(block.end_s[-1]) + wait_s, block.part(
-                0, len(block.start_s), wait_s), at_s + wait_s, place_mm)
-            is_cool = bool(np.nanmax(read, initial=-np.inf) <= self._limit_C)
-            if is_cool:
-                break
-            more_s = wait_for_limit_s(
-                waited, PassReadings(place_mm, at_s + wait_s - waited.time_s, read),
-                self._limit_C - self.tolerance_K, self._heat.plate.at_C, can_divide=can_divide)
-            if isinstance(more_s, HottestPlace):
-                self._refuse(layer, more_s)
-            if more_s <= 0:
-                break
-            if wait_s == 0:
-                more_s = max(more_s, CLEAR_S)
-                at_s = np.concatenate([np.full(len(again_mm), before.time_s), at_s])
-                place_mm = np.vstack([again_mm, place_mm])
-            wait_s += more_s
-        return wait_s, after, is_cool
 
     def _refuse(self, layer: int, hottest: HottestPlace) -> NoReturn:
         x, y = hottest.place_mm.tolist()
@@ -221,7 +167,7 @@ class HeatPlanner:
         self, moves: Moves, start_mm: FloatArray, durations_s: FloatArray
     ) -> tuple[BeadLines, IndexArray, FloatArray]:
         """Bead lines with times from the layer's start, the first one of each path, and where on
-        the tracks each begins."""
+        the tracks each begins and ends, (n, 2)."""
         recipe, heat = self._recipe, self._heat
         bead = np.flatnonzero(moves.kind == LineKind.BEAD)
         ends_s = np.cumsum(durations_s)
@@ -237,7 +183,7 @@ class HeatPlanner:
             power_W=moves.power_W[bead] * (fractions @ heat.absorptivity),
             volume_mm3=volume_mm3, capacity_J_K=volume_mm3 * (fractions @ heat.capacity_J_mm3_K),
             conductivity_mm3=volume_mm3 * (fractions @ heat.conductivity_W_mm_K),
-        ), np.flatnonzero(np.diff(path, prepend=-1)), moves.along_mm[bead, 0]
+        ), np.flatnonzero(np.diff(path, prepend=-1)), moves.along_mm[bead]
 
     def _record(
         self, layer: int, readings: PredictedReadings, power_factor: float
@@ -250,9 +196,6 @@ class HeatPlanner:
             layer=layer, interpass_C=round(reached_C, 1), x_mm=round(x, 2), y_mm=round(y, 2),
             wait_s=round(self._choice.waited_s, 2), cuts=self._choice.cuts,
             power_factor=round(power_factor, 4), order=self._choice.order))
-
-
-_NOTHING = (np.empty(0), np.empty((0, 2)))
 
 
 def _read_layer(

@@ -48,6 +48,7 @@ def heat_totals(heat: HeatPlanner | None) -> dict[str, Any]:
         "cuts": sum(layer.cuts for layer in heat.layers),
         "layers_reordered": sum(layer.order != "nearest" for layer in heat.layers),
         "layers_above_limit": len(_above(heat)),
+        "least_power_factor": min(layer.power_factor for layer in heat.layers),
         "by_layer": [
             {"layer": one.layer + 1, "interpass_C": one.interpass_C,
              "at_mm": [one.x_mm, one.y_mm], "wait_s": one.wait_s, "cuts": one.cuts,
@@ -62,8 +63,9 @@ def heat_findings(
     if heat is None or not heat.layers:
         if process.interpass_max_C is None or not is_excerpt:
             return []
+        power = (", and beam power is the recipe's" if process.power_follows_temperature else "")
         return [report_finding(False, "temperature is not predicted for some layers alone: their "
-                               "times are those without waits for heat")]
+                               f"times are those without waits for heat{power}")]
     hottest, above = _hottest(heat.layers), _above(heat)
     wait_s = sum(layer.wait_s for layer in heat.layers)
     waiting = sum(layer.wait_s > 0 for layer in heat.layers)
@@ -73,6 +75,9 @@ def heat_findings(
     reordered = sum(layer.order != "nearest" for layer in heat.layers)
     if reordered:
         waits += f"; tracks of {reordered} layers are in an order that heat asked for"
+    if process.power_follows_temperature:
+        least = min(layer.power_factor for layer in heat.layers)
+        waits += f"; beam power follows temperature, down to {100 * least:.0f} % of the recipe's"
     if not above:
         return [report_finding(
             True, f"interpass temperature predicted at most {hottest.interpass_C:.0f} °C, in layer "
@@ -81,10 +86,10 @@ def heat_findings(
     return [report_finding(
         False, f"the interpass limit of {heat.limit_C:g} °C cannot be kept by waiting: the beam "
         f"is predicted to come back to {hottest.interpass_C:.0f} °C in layer {hottest.layer + 1} "
-        f"at x {hottest.x_mm:.1f}, y {hottest.y_mm:.1f}, on a path too short to interrupt, and to "
-        f"more than the limit in {len(above)} layers, the first is layer {above[0].layer + 1}; "
-        f"{waits}. Lower power_W or power_per_layer, widen the part there, or set "
-        f"interpass_max_C to {_rounded_up_C(hottest.interpass_C)}")]
+        f"at x {hottest.x_mm:.1f}, y {hottest.y_mm:.1f}, on a piece of path too short to be "
+        f"interrupted again, and to more than the limit in {len(above)} layers, the first is layer "
+        f"{above[0].layer + 1}; {waits}. Lower power_W or power_per_layer, widen the part there, "
+        f"or set interpass_max_C to {_rounded_up_C(hottest.interpass_C)}")]
 
 
 def _rounded_up_C(temperature_C: float) -> int:

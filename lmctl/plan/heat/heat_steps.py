@@ -51,6 +51,23 @@ class BeadLines:
                                  self.conductivity_mm3]))
 
 
+    def divided(self, into: IndexArray) -> BeadLines:
+        """Each line as so many equal ones, (n,), one after the other."""
+        line = np.repeat(np.arange(len(into)), into)
+        begins = (np.arange(len(line)) - np.repeat(np.cumsum(into) - into, into)) / into[line]
+        ends = begins + 1 / into[line]
+
+        def between(start: FloatArray, end: FloatArray, share: FloatArray) -> FloatArray:
+            return np.asarray(start + share * (end - start))
+
+        start_mm, end_mm, start_s, end_s = (
+            column[line] for column in (self.start_mm, self.end_mm, self.start_s, self.end_s))
+        return BeadLines(
+            between(start_mm, end_mm, begins[:, None]), between(start_mm, end_mm, ends[:, None]),
+            between(start_s, end_s, begins), between(start_s, end_s, ends), self.strip_mm[line],
+            self.power_W[line], *(amount[line] / into[line] for amount in (
+                self.volume_mm3, self.capacity_J_K, self.conductivity_mm3)))
+
     def part(self, first: int, last: int, later_s: float) -> BeadLines:
         """Lines first to last − 1, so much later."""
         some = slice(first, last)

@@ -42,9 +42,33 @@ def beads_with_waits(
     before_s = waits_s + more.before_s
     if len(more.cut_s) == 0:
         return beads, before_s
+    beads = with_vertices(beads, more.cut_along_mm)
     vertices = np.searchsorted(beads.along_mm, more.cut_along_mm - _SAME_MM)
     order = np.argsort(np.concatenate([beads.first, vertices]), kind="stable")
     return split_beads(beads, vertices), np.concatenate([before_s, more.cut_s])[order]
+
+
+def with_vertices(beads: Beads, along_mm: FloatArray) -> Beads:
+    """The same beads with vertices at places within them (c,), rising, that have none there."""
+    before = np.searchsorted(beads.along_mm, along_mm - _SAME_MM)
+    new_mm = along_mm[beads.along_mm[before] - along_mm > _SAME_MM]
+    if len(new_mm) == 0:
+        return beads
+    at = np.searchsorted(beads.along_mm, new_mm)
+
+    def between(columns: FloatArray) -> FloatArray:
+        values = np.column_stack([np.interp(new_mm, beads.along_mm, one) for one in columns.T])
+        return np.insert(columns, at, values, axis=0)
+
+    def of_segment(column: FloatArray) -> FloatArray:
+        return np.insert(column, at, column[at])
+
+    return replace(
+        beads, points_mm=between(beads.points_mm), fractions=between(beads.fractions),
+        along_mm=np.insert(beads.along_mm, at, new_mm),
+        starts=beads.starts + np.searchsorted(at, beads.starts, side="left"),
+        speed_mm_s=of_segment(beads.speed_mm_s), power_W=of_segment(beads.power_W),
+        width_mm=of_segment(beads.width_mm))
 
 
 def split_beads(beads: Beads, vertices: IndexArray) -> Beads:

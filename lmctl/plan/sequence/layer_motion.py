@@ -36,12 +36,14 @@ class LayerSite:
 
     number : in the placement, from 0; drape : its shape over a substrate; None: level
     cross_mm : height at which the way to it crosses what is built already; None: beside it
+    power_factor : on the recipe's beam power
     """
 
     number: int
     placement: Placement
     drape: LayerDrape | None
     cross_mm: float | None
+    power_factor: float = 1.0
 
 
 class LayerMotion:

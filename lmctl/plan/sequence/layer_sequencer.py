@@ -130,8 +130,10 @@ class LayerSequencer:
             self.statistics.add_cuts(cut.cuts, cut.too_short)
         tracks = self._ordered(geometry, number, placement)
         drape = self._drape(number, placement)
-        site = LayerSite(number, placement, drape, (
-            self._state.at_mm[2] + self._motion.clearance_mm if clears_all else None))
+        site = LayerSite(
+            number, placement, drape,
+            self._state.at_mm[2] + self._motion.clearance_mm if clears_all else None,
+            self._power_factor(number, tracks, placement))
         wait_s = None
         if self._watch is not None and tracks.n_tracks:
             tracks, wait_s = self._under_alloy_rules(site, tracks, self._watch, is_last=is_last)
@@ -143,8 +145,7 @@ class LayerSequencer:
             site, self._state, beads, chosen.wait_s, chosen.heat_wait_s, is_last=is_last)
         state = self._state
         if self._heat is not None:
-            self._heat.add_layer(index, moves, state.at_mm, durations,
-                                 self._process.power_factor(number))
+            self._heat.add_layer(index, moves, state.at_mm, durations, site.power_factor)
         end_s = state.time_s + np.cumsum(durations)
         flow = self._flow(moves, beads, end_s)
         self.statistics.add_program(moves, durations, state.time_s, end_s, flow)
@@ -186,8 +187,6 @@ class LayerSequencer:
     ) -> OrderAttempt:
         """Tracks in the order that takes least time, their beads, and the times before them."""
         heat = self._heat
-        if heat is not None and tracks.n_tracks:
-            heat.begin_layer()
         first = self._attempt(index, site, tracks, wait_s, is_last=is_last)
         if heat is None or self._watch is not None or first.beads is None:
             return first
@@ -201,7 +200,7 @@ class LayerSequencer:
         is_last: bool,
     ) -> OrderAttempt:
         """The beads of tracks in one order, interrupted where heat needs it."""
-        state, whole = self._state, self._beads(site.number, tracks, site.drape)
+        state, whole = self._state, self._beads(site, tracks)
         if whole is None:
             return OrderAttempt(tracks, None, wait_s, None, 0.0)
         beads, heat_wait_s = self._waits.choose(
@@ -244,7 +243,7 @@ class LayerSequencer:
         state = self._state
 
         def attempt(tracks: OrderedTracks, wait_s: FloatArray) -> Attempt:
-            beads = self._beads(site.number, tracks, site.drape)
+            beads = self._beads(site, tracks)
             moves, durations = self._motion.timed_moves(
                 site, state, beads, wait_s, is_last=is_last)
             end_s = state.time_s + np.cumsum(durations)
@@ -257,24 +256,33 @@ class LayerSequencer:
             tracks, watch, f"layer {site.number + 1}", attempt,
             is_uniform=self._process.strategy == "iso-3d", leads=self._leads)
 
-    def _beads(
-        self, number: int, tracks: OrderedTracks, drape: LayerDrape | None
-    ) -> Beads | None:
+    def _power_factor(self, number: int, tracks: OrderedTracks, placement: Placement) -> float:
+        """Begin the layer's temperature; returns the factor on the recipe's beam power."""
+        stated = self._process.power_factor(number)
+        if self._heat is None or tracks.n_tracks == 0:
+            return stated
+        self._heat.begin_layer()
+        least = min(self._process.power_range[0] / stated, 1.0)
+        points_mm, fractions = tracks.places_every(self._recipe.bead_mm)
+        return stated * self._heat.power_factor(
+            points_mm + placement.offset_mm[:2], fractions, least)
+
+    def _beads(self, site: LayerSite, tracks: OrderedTracks) -> Beads | None:
         if tracks.n_tracks == 0:
             return None
+        drape = site.drape
         max_speed_mm_s = min(self._profile.motion.max_speed_mm_s[:2])
         if drape is not None:
             max_speed_mm_s = min(max_speed_mm_s, self._profile.motion.max_speed_mm_s[2]
                                  / max(drape.steepest_slope(), 1e-6))
         beads = make_beads(
             tracks, self._mixtures, self._process.fraction_step, self._motion.longest_s,
-            max_speed_mm_s, f"layer {number + 1}",
+            max_speed_mm_s, f"layer {site.number + 1}",
             leads=self._leads, uniform=self._process.strategy == "iso-3d",
             allowed=None if self._watch is None or tracks.melted is not None
             else self._watch.allowed_levels)
-        power = self._process.power_factor(number)
-        if power != 1:
-            beads = replace(beads, power_W=beads.power_W * power)
+        if site.power_factor != 1:
+            beads = replace(beads, power_W=beads.power_W * site.power_factor)
         if drape is None:
             return beads
         return replace(beads, width_mm=beads.width_mm / drape.stretch(beads.points_mm))

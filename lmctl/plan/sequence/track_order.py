@@ -63,6 +63,19 @@ class OrderedTracks:
         """Length of each track, (m,)."""
         return np.asarray(self.along_mm[self.starts[1:] - 1] - self.along_mm[self.starts[:-1]])
 
+    def places_every(self, step_mm: float) -> tuple[FloatArray, FloatArray]:
+        """Points (k, 2) and mixtures (k, materials) so far apart along the tracks, k > 0."""
+        at_mm = np.arange(self.along_mm[0] + step_mm / 2, self.along_mm[-1], step_mm)
+        vertex = np.searchsorted(self.along_mm, at_mm, side="right")
+        at_mm = at_mm[~np.isin(vertex, self.starts)]  # not between one track and the next
+        if not len(at_mm):
+            return self.points_mm, self.fractions
+
+        def at_places(columns: FloatArray) -> FloatArray:
+            return np.column_stack([np.interp(at_mm, self.along_mm, one) for one in columns.T])
+
+        return at_places(self.points_mm), at_places(self.fractions)
+
 
 #: Between the lengths of one track and the next in `OrderedTracks.along_mm`.
 TRACK_GAP_MM = 1.0
