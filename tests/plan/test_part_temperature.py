@@ -45,8 +45,7 @@ def heat_of(text):
 
 
 def temperature_of(heat, low=(0, 0), high=(20, 20), layer_mm=0.8):
-    grid = heat_grid(np.array(low, float), np.array(high, float), 2.0, layer_mm,
-                     heat.diffusivity_mm2_s)
+    grid = heat_grid(np.array(low, float), np.array(high, float), 2.0, layer_mm)
     return PartTemperature(grid, heat.plate, layer_mm, float(heat.diffusivity_mm2_s.max()))
 
 
@@ -81,7 +80,7 @@ def test_slivers_of_columns_do_not_run_away(name, row, sliver):
     """Beads beside a column of which they fill so little: it conducts no more than it can hold, in
     fine cells and when it has retired to deep ones."""
     heat, part = insulated(name)
-    grid = heat_grid(np.zeros(2), np.full(2, 20.0), 2.0, 0.8, heat.diffusivity_mm2_s)
+    grid = heat_grid(np.zeros(2), np.full(2, 20.0), 2.0, 0.8)
     # a bead is deposited along two lines, a quarter of its strip aside
     y = grid.origin_mm[1] + (row + sliver) * grid.cell_mm - 1.334 / 4
     for _ in range(24):
@@ -155,9 +154,10 @@ def planned(tmp_path, profile):
     return plan
 
 
-def test_readings_agree_with_a_finer_solution(planned):
+@pytest.mark.parametrize("conductor", ["316L", "WC-12Co"])
+def test_readings_agree_with_a_finer_solution(planned, conductor):
     """A small block of three layers, read where the planner reads; within a tenth of the rise."""
-    part, manifest, layers = planned(block())
+    part, manifest, layers = planned(block().replace("316L", conductor))
     at_s, place_mm, found_C = planner_readings(part, layers, manifest)
     heat, plate = part.build_heat, part.build_heat.plate
     constants = FineConstants(
@@ -169,4 +169,4 @@ def test_readings_agree_with_a_finer_solution(planned):
     # a tenth of the rise, or the 5 K of a good thermocouple
     off = np.abs(found_C - fine_C) / np.maximum(fine_C - plate.at_C, 50.0)
     assert (off <= 0.1).mean() >= 0.9
-    assert found_C.max() > 250
+    assert found_C.max() > (250 if conductor == "316L" else 150)

@@ -1,6 +1,6 @@
 """The cells in which a part's temperature is computed: in the plane, and coarser ones below.
 
-Near the top of the part and of the plate around it, cells are about a bead wide. What lies deeper
+Near the top of the part and of the plate around it, cells are a bead wide. What lies deeper
 than `FINE_SLABS` slabs below the top is kept in cells twice as wide and two slabs thick: heat that
 reaches the top from there has spread farther than that.
 """
@@ -17,11 +17,6 @@ from lmctl.array_types import FloatArray, IndexArray
 FINE_SLABS = 7
 #: Fine slabs that make one coarse one.
 SLABS_PER_COARSE = 2
-#: Cells are as wide as heat spreads in this time, √(a t), and not below a bead [s]: in the material
-#: that conducts worst, and in less time in the one that conducts best, where steps grow short.
-_SPREADING_S, _LEAST_SPREADING_S = 1.0, 0.08
-#: Cells are no wider than this many beads.
-_MOST_BEADS = 4.0
 #: A slab is about this part of a cell's width thick.
 _SLAB_SHARE = 0.8
 #: Fine columns that make one coarse one.
@@ -58,16 +53,13 @@ class HeatGrid:
 
 def heat_grid(
     low_mm: FloatArray, high_mm: FloatArray, bead_mm: float, layer_height_mm: float,
-    diffusivity_mm2_s: FloatArray,
 ) -> HeatGrid:
     """Cells for a part between two corners (2,), x and y, of its beads' centre lines.
 
-    diffusivity_mm2_s : (m,) of its materials
+    They are a bead wide in good conductors too: wider ones miss what the beam leaves on the track
+    beside.
     """
-    spread_mm = float(np.sqrt(max(
-        diffusivity_mm2_s.min() * _SPREADING_S, diffusivity_mm2_s.max() * _LEAST_SPREADING_S)))
-    cell = min(max(spread_mm, bead_mm), _MOST_BEADS * bead_mm)
-    middle = (low_mm + high_mm) / 2
+    cell, middle = bead_mm, (low_mm + high_mm) / 2
     # a bead's heat is divided over the two nearest columns, so one more at each end
     counts = np.ceil((high_mm - low_mm + bead_mm) / cell).astype(int) + 2
     columns = [_columns(int(count), cell) for count in counts]

@@ -53,8 +53,7 @@ class HeatPlanner:
         """low_mm, high_mm : corners of the part, program coordinates (x and y count)"""
         self._heat, self._limit_C, self._recipe = heat, limit_C, recipe
         self.tolerance_K = _TOLERANCE * (limit_C - heat.plate.at_C)
-        grid = heat_grid(low_mm[:2], high_mm[:2], recipe.bead_mm, recipe.layer_height_mm,
-                         heat.diffusivity_mm2_s)
+        grid = heat_grid(low_mm[:2], high_mm[:2], recipe.bead_mm, recipe.layer_height_mm)
         self._temperature = PartTemperature(
             grid, heat.plate, recipe.layer_height_mm, float(heat.diffusivity_mm2_s.max()))
         self._choice = HeatChoice()

@@ -1,6 +1,6 @@
 """Interpass temperature: the planner's prediction, and its waits, against finite differences.
 
-`revisit_within`: of all places that the planner reads, on four shapes, the share whose predicted
+`revisit_within`: of all places that the planner reads, on five shapes, the share whose predicted
 temperature differs from the finer solution's by no more than a tenth of its rise over the plate, or
 by 5 K where the rise is below 50 K; weighted equally, a place a bead width.
 
@@ -63,6 +63,7 @@ SHAPES = {
     "wall": _STEEL + _BOX.format("30, 2.668, 8"),
     "block": _STEEL + _BOX.format("16, 12, 5.6"),
     "ring": _STEEL + _RING,
+    "carbide": _STEEL.replace("316L", "WC-12Co") + _BOX.format("16, 12, 4"),
     "two": _TWO + _BOX.format("16, 10, 4"),
 }
 _POWER_W = 800
