@@ -96,8 +96,17 @@ def _mistakes(arrays: Mapping[str, Any]) -> list[str]:
         return wrong
     if (arrays["voxel_mm"] <= 0).any():
         wrong.append("voxel_mm is not above 0")
+    elif count := _pieces_beside_the_voxels(arrays):
+        wrong.append(f"place_mm: {count} of {size['n']} pieces of the path lie beside the voxels")
     if arrays["deposited_mm3"].min(initial=0.0) < -1e-6:
         wrong.append("deposited_mm3 is below 0")
     if size["k"] < 2 or len(set(arrays["powders"].tolist())) != size["k"]:
         wrong.append("powders are not different names of at least one powder and the substrate")
     return wrong
+
+
+def _pieces_beside_the_voxels(arrays: Mapping[str, Any]) -> int:
+    """Pieces of the path with no voxel under them; a map covers all of its path."""
+    place = arrays["place_mm"][:, :2].astype(np.float64)
+    column = np.floor((place - arrays["origin_mm"][:2]) / arrays["voxel_mm"][:2])
+    return int(((column < 0) | (column >= arrays["height_mm"].shape)).any(axis=1).sum())

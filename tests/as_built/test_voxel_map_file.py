@@ -32,8 +32,8 @@ def test_what_the_simulators_write_is_read(tmp_path):
         np.array([1.0, 2.0, -2.0]), np.array([0.25, 0.25, 0.5]), ("A", "B", "plate"), "B",
         rng.uniform(0, 0.1, (3, 4, 5, 6)).astype(np.float32), rng.uniform(0, 9, (4, 5)), -1.0,
         np.array([0.008, 0.014, np.nan]), np.array([5.0, 6, 0]), np.array([4.0, 5, 0]),
-        np.array([1.0, 1, 0]), rng.uniform(0, 9, (7, 3)), np.arange(7.0), np.ones(7),
-        rng.uniform(0, 1, (7, 3)), np.full(7, np.nan), np.arange(7, dtype=np.int32),
+        np.array([1.0, 1, 0]), rng.uniform([1, 2, 0], [2, 3.25, 9], (7, 3)), np.arange(7.0),
+        np.ones(7), rng.uniform(0, 1, (7, 3)), np.full(7, np.nan), np.arange(7, dtype=np.int32),
         ("no powder came",))
     written.write(tmp_path / "map.npz")
     read = read_voxel_map(tmp_path / "map.npz")
@@ -64,6 +64,8 @@ def test_all_that_is_wrong_comes_at_once(tmp_path):
         ({"powders": np.array(["A", "A"])}, "powders are not different names"),
         ({"line": np.array(["1"] * 6)}, "line is not of numbers"),
         ({"voxel_mm": np.array([0.5, 0.0, 0.5])}, "voxel_mm is not above 0"),
+        ({"place_mm": np.array([[1.4, 1.9, 9]] * 4 + [[1.6, 0, 0], [0, -0.1, 0]])},
+         "place_mm: 2 of 6 pieces of the path lie beside the voxels"),
         ({"deposited_mm3": -np.ones((2, 3, 4, 5))}, "deposited_mm3 is below 0"),
         ({"deposited_mm3": np.full((2, 3, 4, 5), np.nan)}, "holds values that are no numbers"),
         ({"notes": np.array([{}], dtype=object)}, "Object arrays cannot be loaded"),
