@@ -14,9 +14,12 @@ from lmctl.config.part_file import ProcessSettings
 from lmctl.config.substrate import SubstrateSettings
 from lmctl.field.outline_distance import plane_distance
 from lmctl.field.plane import PlaneGrid
+from lmctl.part.load import load_part
 from lmctl.part.materials.powders import MaterialSpec
 from lmctl.part.named_bodies import NO_NAMED_BODIES, NamedBodies
+from lmctl.plan.planner import PlanOptions, plan_job
 from lmctl.plan.recipe import make_recipe
+from tests.plan.planned_jobs import layers_of
 
 TURN = 2 * np.pi
 
@@ -164,3 +167,16 @@ def recipe(profile):
 @pytest.fixture
 def materials():
     return MATERIALS
+
+
+@pytest.fixture
+def plan(tmp_path, profile):
+    """Plans the text of a part file, with options of `PlanOptions`; returns (manifest, layers)."""
+
+    def planned(text, **options):
+        file = tmp_path / "part.toml"
+        file.write_text(text, encoding="utf-8")
+        plan_job(load_part(file), profile, tmp_path / "part.lmj", options=PlanOptions(**options))
+        return layers_of(tmp_path / "part.lmj")
+
+    return planned

@@ -2,38 +2,14 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
-from lmctl.config.part_rules import parse_part_file
-from lmctl.errors import ConfigError
-from lmctl.part.load import load_part
 from lmctl.plan.heat.following_power import following_power_factor
-from lmctl.plan.planner import PlanOptions, plan_job
-from tests.plan.planned_jobs import layers_of
+from tests.plan.test_heat_waits import findings
 from tests.plan.test_part_temperature import block
 
 FOLLOWS = "power_follows_temperature = true"
-
-
-@pytest.fixture
-def plan(tmp_path, profile):
-    def planned(text, **options):
-        file = tmp_path / "part.toml"
-        file.write_text(text, encoding="utf-8")
-        plan_job(load_part(Path(file)), profile, tmp_path / "part.lmj",
-                 options=PlanOptions(**options))
-        return layers_of(tmp_path / "part.lmj")
-
-    return planned
-
-
-def findings(text):
-    with pytest.raises(ConfigError) as caught:
-        parse_part_file(text, name="part.toml")
-    return {found.path: found.reason for found in caught.value.findings}
 
 
 @pytest.mark.parametrize(("found_C", "factor"), [

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,27 +11,12 @@ import pytest
 from lmctl.config.part_file import ProcessSettings
 from lmctl.errors import ConfigError, PlanError
 from lmctl.job.schema import LayerHeat, LineKind
-from lmctl.part.load import load_part
 from lmctl.plan.execution import stage_workers
 from lmctl.plan.heat import heat_findings
-from lmctl.plan.planner import PlanOptions, plan_job
-from tests.plan.planned_jobs import layers_of
 from tests.plan.test_part_temperature import block
 
 LIMITED = block(high="12, 8, 4", limit=250)
 FREE = LIMITED.replace("interpass_max_C = 250", "")
-
-
-@pytest.fixture
-def plan(tmp_path, profile):
-    def planned(text, **options):
-        file = tmp_path / "part.toml"
-        file.write_text(text, encoding="utf-8")
-        plan_job(load_part(Path(file)), profile, tmp_path / "part.lmj",
-                 options=PlanOptions(**options))
-        return layers_of(tmp_path / "part.lmj")
-
-    return planned
 
 
 def bead_starts_s(layers):
