@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, TypeGuard
 
 from lmctl.config.material_constants import find_constants
 from lmctl.config.materials import find_material
@@ -20,7 +20,7 @@ def deposition_heat_findings(data: dict[str, Any]) -> Iterator[Finding]:
     process = process if isinstance(process, dict) else {}
     limit = process.get("interpass_max_C")
     follows = process.get("power_follows_temperature") is True
-    if not isinstance(limit, int | float) or isinstance(limit, bool):
+    if not _is_number(limit):
         if follows and limit is None:
             yield Finding("process.power_follows_temperature", "temperature is predicted only with "
                           "a limit: state process.interpass_max_C, too")
@@ -83,5 +83,5 @@ def _missing(item: dict[str, Any], name: str, *, absorbs: bool) -> Iterator[str]
     yield from (key for key, library in found.items() if library is None and key not in item)
 
 
-def _is_number(value: Any) -> bool:
+def _is_number(value: Any) -> TypeGuard[float]:
     return isinstance(value, int | float) and not isinstance(value, bool)

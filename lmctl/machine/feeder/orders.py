@@ -37,9 +37,7 @@ class FeederOrders:
 
     async def set_command(self, command: FeederCommandBits, what: str) -> None:
         """The whole command word. Raises MachineError where it is refused or not answered."""
-        await self._cycle.errors.request_answer(self._write(command), what)
-        self._cycle.command = command
-        self._cycle.read_status_now()
+        await self._give(command, self._write(command), what)
 
     async def take_remote_control(self) -> None:
         """Take commands from this host; the device's watchdog runs from here on.
@@ -48,10 +46,8 @@ class FeederOrders:
         Raises MachineError where it is refused or not answered.
         """
         command = FeederCommandBits.ENABLE_REMOTE
-        await self._cycle.errors.request_answer(
-            answer_with_retries(lambda: self._write(command), _AGAIN_S), "take commands")
-        self._cycle.command = command
-        self._cycle.read_status_now()
+        request = answer_with_retries(lambda: self._write(command), _AGAIN_S)
+        await self._give(command, request, "take commands")
 
     async def add_command_bits(self, bits: FeederCommandBits, what: str) -> None:
         """Put bits into the command. Raises as `set_command` does."""
@@ -112,6 +108,13 @@ class FeederOrders:
                 return
             else:
                 return
+
+    async def _give(
+        self, command: FeederCommandBits, request: Awaitable[None], what: str
+    ) -> None:
+        await self._cycle.errors.request_answer(request, what)
+        self._cycle.command = command
+        self._cycle.read_status_now()
 
     async def _write(self, command: FeederCommandBits) -> None:
         await self._link.write(_COMMAND, [int(command)])
